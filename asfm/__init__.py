@@ -1,0 +1,5 @@
+"""Acoustic structure from motion for forward-looking imaging sonar."""
+
+from importlib.metadata import version
+
+__version__ = version("asfm")

@@ -1,0 +1,148 @@
+"""Every setting of a run, with its default and unit. An unknown key is an error that names the key."""
+
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from asfm.errors import AsfmError
+
+
+class Section(BaseModel):
+    """A group of settings that belong to one stage."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class CfarConfig(Section):
+    """Constant false-alarm rate detection: which pixels stand out from their surroundings."""
+
+    false_alarm_probability: float = Field(1e-2, gt=0, lt=1)
+    guard_px: tuple[int, int] = (4, 4)
+    """Half-size (rows, columns) of the guard window around the cell under test."""
+    reference_px: tuple[int, int] = (16, 12)
+    """Half-size (rows, columns) of the reference window; larger than the guard window."""
+
+
+class ClustersConfig(Section):
+    """DBSCAN on the detected pixels: lone detections are noise."""
+
+    radius_px: float = Field(3.0, gt=0)
+    min_pixels: int = Field(10, ge=1)
+    """Detections within the radius, the pixel itself included, that make a core."""
+
+
+class KeypointsConfig(Section):
+    """A-KAZE on the image stretched to near-square pixels."""
+
+    threshold: float = Field(1e-4, gt=0)
+    max_count: int = Field(500, ge=1)
+    """The strongest are kept."""
+    max_stretch: float = Field(4.0, ge=1)
+    """Largest factor by which the bearing axis is stretched."""
+
+
+class MatchingConfig(Section):
+    """Hamming matching over a window of frame gaps."""
+
+    max_gap: int = Field(8, ge=1)
+    """Each frame is matched with the frames 1..max_gap before it."""
+    ratio: float = Field(0.9, gt=0, le=1)
+
+
+class SslConfig(Section):
+    """The structural-and-spatial loss."""
+
+    radius_px: int = Field(7, ge=1)
+    structural_weight: float = Field(1.0, ge=0)
+    spatial_weight: float = Field(1.0, ge=0)
+    max_loss: float = Field(0.8, gt=0)
+
+
+class BackendConfig(Section):
+    """Triangulation and optimisation."""
+
+    use_odometry: bool = True
+    use_navigation: bool = True
+    rounds: int = Field(3, ge=1)
+
+
+class Config(Section):
+    """The whole configuration of a run."""
+
+    seed: int = 0
+    mode: Literal["batch"] = "batch"
+    cfar: CfarConfig = CfarConfig()
+    clusters: ClustersConfig = ClustersConfig()
+    keypoints: KeypointsConfig = KeypointsConfig()
+    matching: MatchingConfig = MatchingConfig()
+    ssl: SslConfig = SslConfig()
+    backend: BackendConfig = BackendConfig()
+
+
+def load_config(path: Path | None = None, overrides: tuple[str, ...] = ()) -> Config:
+    """Resolve the defaults, then a YAML file, then ``section.key=value`` overrides.
+
+    Raises:
+        AsfmError: the file cannot be read, or a key or value is not one of ours.
+    """
+    settings = _read_yaml(path) if path is not None else {}
+    for override in overrides:
+        _apply_override(settings, override)
+    try:
+        return Config.model_validate(settings)
+    except ValidationError as error:
+        raise AsfmError(_explain(error, path)) from None
+
+
+def dump_config(config: Config) -> str:
+    """Write the resolved configuration as YAML that :func:`load_config` reads back."""
+    return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
+
+
+def _read_yaml(path: Path) -> dict[str, Any]:
+    try:
+        settings = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise AsfmError(f"{path}: cannot read the configuration: {' '.join(str(error).split())}") from None
+    if settings is None:
+        return {}
+    if not isinstance(settings, dict):
+        raise AsfmError(f"{path}: expected sections with keys, found {type(settings).__name__}")
+    return settings
+
+
+def _apply_override(settings: dict[str, Any], override: str) -> None:
+    name, separator, text = override.partition("=")
+    if not separator or not name.strip():
+        raise AsfmError(f"--set {override}: expected section.key=value")
+    *sections, key = name.strip().split(".")
+    for section in sections:
+        settings = settings.setdefault(section, {})
+        if not isinstance(settings, dict):
+            raise AsfmError(f"--set {override}: {section} is a value, not a section")
+    try:
+        settings[key] = yaml.safe_load(text)
+    except yaml.YAMLError:
+        raise AsfmError(f"--set {override}: {text!r} is not a YAML value") from None
+
+
+def _explain(error: ValidationError, path: Path | None) -> str:
+    first = error.errors()[0]
+    name = ".".join(str(part) for part in first["loc"])
+    where = f"{path}: " if path is not None else ""
+    if first["type"] == "extra_forbidden":
+        known = ", ".join(_keys_beside(first["loc"]))
+        return f"{where}unknown key {name!r} in the configuration; known here: {known}"
+    return f"{where}configuration key {name!r}: {first['msg']}, found {first['input']!r}"
+
+
+def _keys_beside(location: tuple[int | str, ...]) -> list[str]:
+    model: type[BaseModel] = Config
+    for part in location[:-1]:
+        annotation = model.model_fields[str(part)].annotation
+        if not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
+            return []
+        model = annotation
+    return sorted(model.model_fields)

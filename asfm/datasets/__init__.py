@@ -1,0 +1,1 @@
+"""Readers: one file a format, and the writer of the native folder."""

@@ -1,0 +1,40 @@
+"""A sequence of sonar frames with its navigation, read lazily: what every reader returns."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from asfm.sonar import SonarModel
+from asfm.types import FloatArray, Frame, HandTracks, Navigation, SensorNoise, Trajectory
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """Frames of one sonar in time order. Images stay on disk until :meth:`frame` asks for one."""
+
+    name: str
+    sonar: SonarModel
+    timestamps_s: FloatArray
+    """(N,) strictly rising."""
+    read_frame: Callable[[int], Frame]
+    """Reads frame i (0..N-1); raises AsfmError naming the file where it cannot."""
+    vehicle_from_sonar: FloatArray = field(default_factory=lambda: np.eye(4))
+    """(4, 4) where the sonar sits on the vehicle (the lever arm)."""
+    odometry: Trajectory | None = None
+    """Dead-reckoned world_from_vehicle, drifting."""
+    navigation: Navigation | None = None
+    groundtruth: Trajectory | None = None
+    """True world_from_vehicle."""
+    noise: SensorNoise = SensorNoise()
+    hand_tracks: HandTracks | None = None
+    kind: str = "native"
+    """Name of the format it was read from."""
+    warnings: tuple[str, ...] = ()
+    """What the reader noticed and survived, one clear sentence each."""
+
+    def __len__(self) -> int:
+        return len(self.timestamps_s)
+
+    def __iter__(self) -> Iterator[Frame]:
+        return (self.read_frame(index) for index in range(len(self)))

@@ -1,0 +1,165 @@
+"""The contracts between the rooms of the house: frozen dataclasses and nothing else.
+
+Conventions, everywhere the same: metres, radians, seconds. Sonar frame x forward, y to port, z up. An image is float32
+in 0..1 of shape (ranges, beams); row 0 is nearest, column 0 is the most starboard beam. Pixel centres are at +0.5.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+ImageArray = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One ping of the sonar."""
+
+    index: int
+    timestamp_s: float
+    image: ImageArray
+    """(ranges, beams), echo strength in 0..1, finite everywhere."""
+    invalid: BoolArray
+    """(ranges, beams), true where the pixel holds no data (overlay, dead beam)."""
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Poses with their own stamps, in strictly rising order."""
+
+    timestamps_s: FloatArray
+    """(N,)"""
+    world_from_vehicle: FloatArray
+    """(N, 4, 4) rigid transforms."""
+
+
+@dataclass(frozen=True)
+class Navigation:
+    """Depth and attitude readings; world z up, rotation = Rz(yaw) Ry(pitch) Rx(roll)."""
+
+    timestamps_s: FloatArray
+    """(N,), strictly rising."""
+    z_m: FloatArray
+    roll_rad: FloatArray
+    pitch_rad: FloatArray
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """Standard deviations that a sequence states for its own sensors."""
+
+    odometry_translation_m: float = 0.02
+    """Each axis, one step between frames."""
+    odometry_rotation_rad: float = 0.005
+    """Each axis, one step between frames."""
+    navigation_z_m: float = 0.02
+    navigation_roll_rad: float = 0.005
+    navigation_pitch_rad: float = 0.005
+
+
+@dataclass(frozen=True)
+class HandTracks:
+    """Points of the scene that somebody tracked by hand through the images."""
+
+    timestamps_s: FloatArray
+    """(O,), as are the others."""
+    landmark: IntArray
+    range_m: FloatArray
+    bearing_rad: FloatArray
+
+
+@dataclass(frozen=True)
+class Keypoints:
+    """The features of one frame."""
+
+    row_column: FloatArray
+    """(K, 2) fractional row and column of the polar image, pixel centres at +0.5."""
+    range_m: FloatArray
+    """(K,)"""
+    bearing_rad: FloatArray
+    """(K,)"""
+    response: FloatArray
+    """(K,) strength of the detector's response."""
+    descriptors: NDArray[np.uint8]
+    """(K, D) binary descriptors, compared by Hamming distance."""
+    patches: ImageArray
+    """(K, 2r+1, 2r+1) squares of the stretched image around each keypoint, for the structural-and-spatial loss."""
+
+    def __len__(self) -> int:
+        return len(self.range_m)
+
+
+@dataclass(frozen=True)
+class Matches:
+    """Pairs of keypoints of two frames thought to show the same point."""
+
+    frame_a: int
+    frame_b: int
+    index: IntArray
+    """(M, 2) keypoint of frame_a, keypoint of frame_b."""
+    cost: FloatArray
+    """(M,) smaller is better."""
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Observations of landmarks in frames, sorted by (track, frame): all that the back-end learns of the images."""
+
+    track: IntArray
+    """(O,) number of the track, 0..count-1, every number in use."""
+    frame: IntArray
+    """(O,) index of the frame; no two observations of a track share one."""
+    range_m: FloatArray
+    """(O,)"""
+    bearing_rad: FloatArray
+    """(O,)"""
+
+    def __len__(self) -> int:
+        return len(self.track)
+
+    @property
+    def count(self) -> int:
+        """Number of tracks."""
+        return int(self.track[-1]) + 1 if len(self.track) else 0
+
+
+@dataclass(frozen=True)
+class Landmarks:
+    """Triangulated points in the world, with what is known of their error."""
+
+    track: IntArray
+    """(L,) the track each landmark was made from."""
+    xyz_m: FloatArray
+    """(L, 3) in the world frame."""
+    covariance_m2: FloatArray
+    """(L, 3, 3) marginal covariance in the world frame."""
+    sigma_m: FloatArray
+    """(L,) square root of the covariance's largest eigenvalue."""
+    views: IntArray
+    """(L,) number of frames that observe the landmark."""
+    well_constrained: BoolArray
+    """(L,) false where the motion does not determine the elevation: show the arc, not the point."""
+    arc_m: FloatArray
+    """(L, A, 3) elevation arc of the landmark in the world frame, as the frame that saw it last sees it."""
+
+    def __len__(self) -> int:
+        return len(self.track)
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """What a run knows in the end."""
+
+    trajectory: Trajectory
+    """One pose a frame of the sequence."""
+    tracks: Tracks
+    landmarks: Landmarks
+    warnings: tuple[str, ...]
+    """One clear sentence each; empty when all went well."""

@@ -1,0 +1,1 @@
+"""From images to tracks: denoising, features, matches."""
