@@ -26,7 +26,7 @@ class Sequence:
     navigation: Navigation | None = None
     groundtruth: Trajectory | None = None
     """True world_from_vehicle."""
-    noise: SensorNoise = SensorNoise()
+    noise: SensorNoise = field(default_factory=SensorNoise)
     hand_tracks: HandTracks | None = None
     kind: str = "native"
     """Name of the format it was read from."""
