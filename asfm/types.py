@@ -163,3 +163,13 @@ class Reconstruction:
     landmarks: Landmarks
     warnings: tuple[str, ...]
     """One clear sentence each; empty when all went well."""
+
+
+@dataclass(frozen=True)
+class FrameTruth:
+    """What no recording knows of a frame and a simulation does."""
+
+    elevation_rad: FloatArray
+    """(ranges, beams), energy-weighted elevation of each pixel's echo; NaN where nothing echoes."""
+    clean: ImageArray
+    """(ranges, beams), the image without noise, in 0..1."""
