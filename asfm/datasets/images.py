@@ -1,0 +1,104 @@
+"""Grey PNG images of a sequence: their header, their pixels as 0..1, and back to bytes."""
+
+import struct
+import zlib
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from asfm.errors import AsfmError
+from asfm.types import ImageArray
+
+Bits = Literal[8, 16]
+
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+COLOUR_TYPES = {0: "grey", 2: "RGB", 3: "palette", 4: "grey with alpha", 6: "RGB with alpha"}
+
+
+def read_png_shape(path: Path) -> tuple[int, int]:
+    """Read (rows, columns) from a PNG's header alone.
+
+    Raises:
+        AsfmError: the file is missing, is no PNG or is not grey.
+    """
+    try:
+        with path.open("rb") as file:
+            head = file.read(33)
+    except OSError as error:
+        raise AsfmError(f"{path}: expected a grey PNG image, found none: {error.strerror}") from None
+    return _parse_header(path, head)
+
+
+def read_grey_png(path: Path, shape: tuple[int, int]) -> NDArray[Any]:
+    """Read an 8- or 16-bit grey PNG of the given (rows, columns) as unsigned integers.
+
+    Raises:
+        AsfmError: the file is missing or damaged, has colours, or is of another size.
+    """
+    import cv2
+
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise AsfmError(f"{path}: expected a grey PNG image, found none: {error.strerror}") from None
+    found = _parse_header(path, content)
+    if found != shape:
+        raise AsfmError(
+            f"{path}: expected {shape[0]} x {shape[1]} pixels (ranges x beams) as in the first image, "
+            f"found {found[0]} x {found[1]}"
+        )
+    _check_chunks(path, content)
+    pixels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    if pixels is None or pixels.shape != shape:
+        raise AsfmError(f"{path}: expected a grey PNG image, found one that cannot be decoded: write it again")
+    return np.asarray(pixels)
+
+
+def scale_to_unit(pixels: NDArray[Any]) -> ImageArray:
+    """Scale unsigned integers to float32 in 0..1 by the largest value of their type."""
+    return np.asarray(pixels / np.float32(np.iinfo(pixels.dtype).max), dtype=np.float32)
+
+
+def encode_png(pixels: NDArray[Any]) -> bytes:
+    """Encode (rows, columns) uint8 or uint16 as a grey PNG."""
+    import cv2
+
+    done, content = cv2.imencode(".png", pixels)
+    assert done, "OpenCV encodes every uint8 and uint16 array"
+    return bytes(content)
+
+
+def quantise(image: ImageArray, bits: Bits) -> NDArray[Any]:
+    """Round an image in 0..1 to unsigned integers of 8 or 16 bits, the inverse of :func:`scale_to_unit`."""
+    dtype = np.uint8 if bits == 8 else np.uint16
+    return np.round(image.astype(np.float64) * np.iinfo(dtype).max).astype(dtype)
+
+
+def _parse_header(path: Path, content: bytes) -> tuple[int, int]:
+    if len(content) < 33 or not content.startswith(SIGNATURE) or content[12:16] != b"IHDR":
+        raise AsfmError(f"{path}: expected a grey PNG image, found {len(content[:33])} bytes that start no PNG")
+    columns, rows, _, colour = struct.unpack_from(">IIBB", content, 16)
+    if colour != 0:
+        raise AsfmError(
+            f"{path}: expected a grey PNG image (one channel), "
+            f"found {COLOUR_TYPES.get(colour, f'colour type {colour}')}: convert it to grey"
+        )
+    return rows, columns
+
+
+def _check_chunks(path: Path, content: bytes) -> None:
+    """Walk the chunks and their checksums: decoders fill a cut file with black and do not say so."""
+    position = len(SIGNATURE)
+    while position + 12 <= len(content):
+        length, name = struct.unpack_from(">I4s", content, position)
+        end = position + 12 + length
+        if end > len(content):
+            break
+        if zlib.crc32(content[position + 4 : end - 4]) != struct.unpack_from(">I", content, end - 4)[0]:
+            raise AsfmError(f"{path}: expected a whole PNG image, found a wrong checksum at byte {position}")
+        if name == b"IEND":
+            return
+        position = end
+    raise AsfmError(f"{path}: expected a whole PNG image, found one cut off after {len(content)} bytes")
