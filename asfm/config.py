@@ -4,60 +4,74 @@ from pathlib import Path
 from typing import Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from asfm.errors import AsfmError
+
+YAML_ERRORS = (yaml.YAMLError, ValueError, RecursionError)
+"""What PyYAML raises on text that it cannot read: ValueError for impossible dates, numbers and bytes."""
 
 
 class Section(BaseModel):
     """A group of settings that belong to one stage."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class CfarConfig(Section):
     """Constant false-alarm rate detection: which pixels stand out from their surroundings."""
 
-    false_alarm_probability: float = Field(1e-2, gt=0, lt=1)
+    false_alarm_probability: float = Field(default=1e-2, gt=0, lt=1)
     guard_px: tuple[int, int] = (4, 4)
     """Half-size (rows, columns) of the guard window around the cell under test."""
     reference_px: tuple[int, int] = (16, 12)
     """Half-size (rows, columns) of the reference window; larger than the guard window."""
 
+    @model_validator(mode="after")
+    def _check_windows(self) -> "CfarConfig":
+        if min(self.guard_px) < 0 or any(r <= g for g, r in zip(self.guard_px, self.reference_px, strict=True)):
+            raise ValueError(
+                f"expected 0 <= guard_px < reference_px in rows and in columns, "
+                f"found guard_px {list(self.guard_px)} and reference_px {list(self.reference_px)}"
+            )
+        return self
+
 
 class ClustersConfig(Section):
     """DBSCAN on the detected pixels: lone detections are noise."""
 
-    radius_px: float = Field(3.0, gt=0)
-    min_pixels: int = Field(10, ge=1)
+    radius_px: float = Field(default=3.0, gt=0)
+    min_pixels: int = Field(default=10, ge=1)
     """Detections within the radius, the pixel itself included, that make a core."""
 
 
 class KeypointsConfig(Section):
     """A-KAZE on the image stretched to near-square pixels."""
 
-    threshold: float = Field(1e-4, gt=0)
-    max_count: int = Field(500, ge=1)
+    threshold: float = Field(default=1e-4, gt=0)
+    smoothing_px: float = Field(default=1.0, ge=0)
+    """Sigma of the Gaussian that calms the speckle before detection."""
+    max_count: int = Field(default=500, ge=1)
     """The strongest are kept."""
-    max_stretch: float = Field(4.0, ge=1)
+    max_stretch: float = Field(default=4.0, ge=1)
     """Largest factor by which the bearing axis is stretched."""
 
 
 class MatchingConfig(Section):
     """Hamming matching over a window of frame gaps."""
 
-    max_gap: int = Field(8, ge=1)
+    max_gap: int = Field(default=8, ge=1)
     """Each frame is matched with the frames 1..max_gap before it."""
-    ratio: float = Field(0.9, gt=0, le=1)
+    ratio: float = Field(default=0.9, gt=0, le=1)
 
 
 class SslConfig(Section):
     """The structural-and-spatial loss."""
 
-    radius_px: int = Field(7, ge=1)
-    structural_weight: float = Field(1.0, ge=0)
-    spatial_weight: float = Field(1.0, ge=0)
-    max_loss: float = Field(0.8, gt=0)
+    radius_px: int = Field(default=7, ge=1)
+    structural_weight: float = Field(default=1.0, ge=0)
+    spatial_weight: float = Field(default=1.0, ge=0)
+    max_loss: float = Field(default=0.8, gt=0)
 
 
 class BackendConfig(Section):
@@ -65,13 +79,13 @@ class BackendConfig(Section):
 
     use_odometry: bool = True
     use_navigation: bool = True
-    rounds: int = Field(3, ge=1)
+    rounds: int = Field(default=3, ge=1)
 
 
 class Config(Section):
     """The whole configuration of a run."""
 
-    seed: int = 0
+    seed: int = Field(default=0, ge=0)
     mode: Literal["batch"] = "batch"
     cfar: CfarConfig = CfarConfig()
     clusters: ClustersConfig = ClustersConfig()
@@ -104,13 +118,13 @@ def dump_config(config: Config) -> str:
 def _read_yaml(path: Path) -> dict[str, Any]:
     try:
         settings = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except (OSError, *YAML_ERRORS) as error:
         raise AsfmError(f"{path}: cannot read the configuration: {' '.join(str(error).split())}") from None
     if settings is None:
         return {}
     if not isinstance(settings, dict):
         raise AsfmError(f"{path}: expected sections with keys, found {type(settings).__name__}")
-    return settings
+    return {key: value for key, value in settings.items() if value is not None}  # a section with all keys left out
 
 
 def _apply_override(settings: dict[str, Any], override: str) -> None:
@@ -124,8 +138,8 @@ def _apply_override(settings: dict[str, Any], override: str) -> None:
             raise AsfmError(f"--set {override}: {section} is a value, not a section")
     try:
         settings[key] = yaml.safe_load(text)
-    except yaml.YAMLError:
-        raise AsfmError(f"--set {override}: {text!r} is not a YAML value") from None
+    except YAML_ERRORS:
+        raise AsfmError(f"--set {_shorten(override)}: {_shorten(text)!r} is not a YAML value") from None
 
 
 def _explain(error: ValidationError, path: Path | None) -> str:
@@ -135,7 +149,13 @@ def _explain(error: ValidationError, path: Path | None) -> str:
     if first["type"] == "extra_forbidden":
         known = ", ".join(_keys_beside(first["loc"]))
         return f"{where}unknown key {name!r} in the configuration; known here: {known}"
-    return f"{where}configuration key {name!r}: {first['msg']}, found {first['input']!r}"
+    if first["type"] == "value_error":
+        return f"{where}configuration section {name!r}: {first['msg'].removeprefix('Value error, ')}"
+    return f"{where}configuration key {name!r}: {first['msg']}, found {_shorten(repr(first['input']))}"
+
+
+def _shorten(text: str) -> str:
+    return text if len(text) <= 80 else f"{text[:77]}..."
 
 
 def _keys_beside(location: tuple[int | str, ...]) -> list[str]:

@@ -40,7 +40,7 @@ def invert(pose: FloatArray) -> FloatArray:
 
 def transform(pose: FloatArray, xyz: FloatArray) -> FloatArray:
     """Map (..., 3) points through (..., 4, 4) transforms; the leading axes broadcast."""
-    return np.einsum("...ij,...j->...i", pose[..., :3, :3], xyz) + pose[..., :3, 3]
+    return np.asarray(np.einsum("...ij,...j->...i", pose[..., :3, :3], xyz) + pose[..., :3, 3])
 
 
 def interpolate(timestamps_s: FloatArray, pose: FloatArray, at_s: FloatArray) -> FloatArray:
