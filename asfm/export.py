@@ -1,0 +1,179 @@
+"""Writing results: trajectory (TUM), points (PLY), report (JSON), and the folder that appears whole or not at all."""
+
+import json
+import os
+import secrets
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from asfm.errors import AsfmError
+from asfm.poses import tum_from_pose
+from asfm.types import Landmarks, Trajectory
+
+RESULT_FILES = frozenset(
+    {"trajectory.tum", "points.ply", "reconstruction.rrd", "report.json", "config.yaml", "evaluation.json", ".DS_Store"}
+)
+"""All that a results folder may hold and still be replaced: a stranger's file in it is never deleted."""
+_MARKS = ("report.json", "config.yaml")
+"""A folder that holds both was written by asfm."""
+
+
+def write_trajectory(path: Path, trajectory: Trajectory) -> None:
+    """Write world_from_vehicle as TUM rows: stamps exactly, positions to 1 nm, quaternions to 1e-9.
+
+    Raises:
+        AsfmError: the file cannot be written.
+        ValueError: a pose or stamp is not finite, or as many stamps as poses are not there: a defect of the caller.
+    """
+    rows = tum_from_pose(trajectory.world_from_vehicle)
+    if len(rows) != len(trajectory.timestamps_s):
+        raise ValueError(f"{len(trajectory.timestamps_s)} stamps for {len(rows)} poses")
+    _require_finite("trajectory", trajectory.timestamps_s, rows)
+    stamps = [np.format_float_positional(stamp, trim="0") for stamp in trajectory.timestamps_s]
+    rows = np.round(rows, 9) + 0.0  # a negative zero becomes zero
+    lines = [f"{stamp} " + " ".join(f"{value:.9f}" for value in row) for stamp, row in zip(stamps, rows, strict=True)]
+    _write(path, "\n".join(["# timestamp x y z qx qy qz qw", *lines, ""]).encode())
+
+
+def write_points(path: Path, landmarks: Landmarks) -> None:
+    """Write landmarks as binary little-endian PLY: x y z sigma_m (metres), views, well_constrained (1 or 0).
+
+    Raises:
+        AsfmError: the file cannot be written.
+        ValueError: a coordinate or sigma is not finite: a defect of the caller.
+    """
+    _require_finite("landmarks", landmarks.xyz_m, landmarks.sigma_m)
+    columns: dict[str, tuple[str, str, Any]] = {
+        "x": ("<f8", "double", landmarks.xyz_m[:, 0]),
+        "y": ("<f8", "double", landmarks.xyz_m[:, 1]),
+        "z": ("<f8", "double", landmarks.xyz_m[:, 2]),
+        "sigma_m": ("<f4", "float", landmarks.sigma_m),
+        "views": ("<i4", "int", landmarks.views),
+        "well_constrained": ("u1", "uchar", landmarks.well_constrained),
+    }
+    vertices = np.empty(len(landmarks), dtype=[(name, kind) for name, (kind, _, _) in columns.items()])
+    for name, (_, _, values) in columns.items():
+        vertices[name] = values
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment asfm landmarks in metres; well_constrained 0 marks points whose elevation is not known",
+        f"element vertex {len(landmarks)}",
+        *(f"property {kind} {name}" for name, (_, kind, _) in columns.items()),
+        "end_header",
+        "",
+    ]
+    _write(path, "\n".join(header).encode() + vertices.tobytes())
+
+
+def write_report(path: Path, report: dict[str, Any]) -> None:
+    """Write a report as indented JSON with sorted keys; numpy numbers, arrays and paths become plain ones.
+
+    Raises:
+        AsfmError: the file cannot be written.
+        ValueError: a value is not finite or not of JSON, named by its key: a defect of the caller.
+    """
+    text = json.dumps(_plain(report, "report"), allow_nan=False, sort_keys=True, indent=2, ensure_ascii=False)
+    _write(path, (text + "\n").encode())
+
+
+@contextmanager
+def results_folder(path: Path, overwrite: bool) -> Iterator[Path]:
+    """Yield a temporary folder beside ``path`` that takes its place when the body ends without an exception.
+
+    When the body raises, KeyboardInterrupt included, the temporary folder is removed and an existing ``path`` stays as
+    it was. A process killed outright leaves ``<name>.<random>.partial``, never a half-written ``path``.
+
+    Raises:
+        AsfmError: ``path`` is not ours to replace, or a folder cannot be made or renamed.
+    """
+    path = path.resolve()
+    _refuse_what_is_not_ours(path, overwrite)
+    partial = _name_beside(path, "partial")
+    try:
+        partial.mkdir(parents=True)
+    except OSError as error:
+        raise AsfmError(f"{path}: cannot make a folder for results in {path.parent}: {error.strerror}") from None
+    try:
+        yield partial
+    except BaseException:
+        shutil.rmtree(partial, ignore_errors=True)
+        raise
+    try:
+        _refuse_what_is_not_ours(path, overwrite)  # again: much may have happened during the run
+        _take_place(path, partial)
+    except (AsfmError, OSError) as error:
+        raise AsfmError(f"{error}; the results are whole in {partial}") from None
+
+
+def _refuse_what_is_not_ours(path: Path, overwrite: bool) -> None:
+    if not path.exists():
+        return
+    if not path.is_dir():
+        raise AsfmError(f"{path}: expected a folder for results, found a file")
+    if os.path.ismount(path) or Path.cwd().is_relative_to(path):
+        raise AsfmError(f"{path}: cannot replace a mount point or the working directory; name a folder inside it")
+    names = {entry.name for entry in path.iterdir()}
+    if not names:
+        return
+    if not names.issuperset(_MARKS):
+        raise AsfmError(f"{path}: holds something else than asfm's results; choose another folder")
+    strangers = sorted(names - RESULT_FILES)
+    if strangers:
+        raise AsfmError(f"{path}: holds {strangers[0]}, which asfm did not write; move it or choose another folder")
+    if not overwrite:
+        raise AsfmError(f"{path}: already holds results; choose another folder or allow to overwrite them")
+
+
+def _take_place(path: Path, partial: Path) -> None:
+    """Rename the old folder aside, the new one in, and delete the old one; on failure put the old one back."""
+    old = _name_beside(path, "old")
+    try:
+        if path.exists():
+            path.rename(old)
+        partial.rename(path)
+    except BaseException:
+        if old.exists() and not path.exists():
+            old.rename(path)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _name_beside(path: Path, suffix: str) -> Path:
+    return path.with_name(f"{path.name}.{secrets.token_hex(4)}.{suffix}")
+
+
+def _write(path: Path, data: bytes) -> None:
+    try:
+        path.write_bytes(data)
+    except OSError as error:
+        raise AsfmError(f"{path}: cannot write: {error.strerror}") from None
+
+
+def _require_finite(what: str, *arrays: np.ndarray[Any, np.dtype[np.float64]]) -> None:
+    for array in arrays:
+        bad = np.argwhere(~np.isfinite(array))
+        if len(bad):
+            raise ValueError(f"{what}: row {bad[0][0]} is not finite")
+
+
+def _plain(value: Any, where: str) -> Any:
+    """Turn numpy values and paths into JSON's own types; name the key of what JSON cannot hold."""
+    if isinstance(value, dict):
+        return {str(key): _plain(item, f"{where}.{key}") for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item, f"{where}[{index}]") for index, item in enumerate(value)]
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist(), where)
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, float) and not np.isfinite(value):
+        raise ValueError(f"{where} is {value}: a report holds finite numbers, or None where there is none")
+    if value is None or isinstance(value, str | int | float):
+        return value
+    raise ValueError(f"{where} is a {type(value).__name__}: not a JSON value")
