@@ -1,0 +1,95 @@
+"""The structural-and-spatial loss against scikit-image and plain loops."""
+
+import numpy as np
+import pytest
+from asfm.config import SslConfig
+from asfm.errors import AsfmError
+from asfm.frontend.ssl import Patches, spatial_term, stretch_patches, structural_spatial_loss, structural_term
+from skimage.metrics import structural_similarity
+
+
+@pytest.fixture(params=[3, 7, 10])
+def pairs(request: pytest.FixtureRequest) -> tuple[Patches, Patches]:
+    """Squares from equal to unrelated, among them flat, binary and faint ones."""
+    rng = np.random.default_rng(request.param)
+    width = 2 * request.param + 1
+    a = rng.random((60, width, width)).astype(np.float32)
+    mix = np.linspace(0, 1, 60, dtype=np.float32)[:, None, None]
+    b = (mix * a + (1 - mix) * rng.random(a.shape).astype(np.float32)).astype(np.float32)
+    a[3], b[5], a[7], b[7] = 0, 1, 0.25, 0.25
+    a[11], b[13] = a[11] > 0.5, b[13] > 0.9
+    a[17], a[19] = 1e-4 * a[17], 0.5 + 1e-5 * a[19]
+    return a, b
+
+
+def test_structural_term_is_that_of_scikit_image(pairs: tuple[Patches, Patches]) -> None:
+    expected = [
+        (1 - structural_similarity(a.astype(float), b.astype(float), data_range=1.0)) / 2
+        for a, b in zip(*pairs, strict=True)
+    ]
+    np.testing.assert_allclose(structural_term(*pairs), expected, atol=1e-9)
+
+
+def test_spatial_term_is_that_of_plain_loops(pairs: tuple[Patches, Patches]) -> None:
+    def describe(square: Patches) -> list[float]:
+        return [*(float(c.mean()) for c in square.T), *(float(r.mean()) for r in square), float(square.mean())]
+
+    for a, b, term in zip(*pairs, spatial_term(*pairs), strict=True):
+        u, v = describe(a.astype(float)), describe(b.astype(float))
+        distance = sum((p - q) ** 2 for p, q in zip(u, v, strict=True)) ** 0.5
+        assert term == pytest.approx(distance / len(u) ** 0.5, abs=1e-12)
+
+
+def test_loss_weighs_and_switches_its_terms(pairs: tuple[Patches, Patches]) -> None:
+    a, b = pairs
+    structural = structural_term(stretch_patches(a), stretch_patches(b))
+    spatial = spatial_term(stretch_patches(a), stretch_patches(b))
+    for weights in [(1.0, 1.0), (0.0, 1.0), (1.0, 0.0), (0.3, 2.0), (0.0, 0.0)]:
+        config = SslConfig(structural_weight=weights[0], spatial_weight=weights[1])
+        expected = weights[0] * structural + weights[1] * spatial
+        np.testing.assert_allclose(structural_spatial_loss(a, b, config), expected, atol=1e-12)
+
+
+def test_loss_is_zero_for_equal_squares_and_blind_to_gain_and_offset(pairs: tuple[Patches, Patches]) -> None:
+    a = pairs[0].astype(float)
+    loss = structural_spatial_loss(a, 3.0 * a + 0.5, SslConfig())
+    np.testing.assert_allclose(loss, 0.0, atol=1e-7)
+
+
+def test_loss_is_symmetric_bounded_and_sees_what_moved(pairs: tuple[Patches, Patches]) -> None:
+    a, b = pairs
+    loss = structural_spatial_loss(a, b, SslConfig())
+    np.testing.assert_allclose(loss, structural_spatial_loss(b, a, SslConfig()), atol=1e-12)
+    assert (loss >= 0).all()
+    assert (loss <= 2).all()
+    square = np.zeros((2, 15, 15), dtype=np.float32)
+    square[0, 3:6, 7:9] = 1
+    square[1, 9:12, 4:6] = 1
+    moved = structural_spatial_loss(square[:1], square[1:], SslConfig())
+    turned = structural_spatial_loss(square[:1], square[:1].transpose(0, 2, 1), SslConfig())
+    assert moved[0] > 0.1
+    assert turned[0] > 0.1
+
+
+@pytest.mark.parametrize("width", [1, 3, 5])
+def test_squares_smaller_than_the_window_have_a_loss(width: int) -> None:
+    rng = np.random.default_rng(0)
+    a, b = rng.random((2, 8, width, width))
+    assert np.isfinite(structural_spatial_loss(a, b, SslConfig())).all()
+
+
+def test_no_matches_have_no_losses() -> None:
+    none = np.zeros((0, 15, 15), dtype=np.float32)
+    assert structural_spatial_loss(none, none, SslConfig()).shape == (0,)
+
+
+def test_bad_squares_are_refused_with_one_clear_line() -> None:
+    good = np.zeros((4, 15, 15), dtype=np.float32)
+    bad = good.copy()
+    bad[2, 0, 0] = np.nan
+    with pytest.raises(AsfmError, match="square 2 of the second frame"):
+        structural_spatial_loss(good, bad, SslConfig())
+    with pytest.raises(AsfmError, match=r"\(3, 15, 15\)"):
+        structural_spatial_loss(good, good[:3], SslConfig())
+    with pytest.raises(AsfmError, match="equal squares"):
+        structural_spatial_loss(good[:, :14], good[:, :14], SslConfig())
