@@ -1,0 +1,184 @@
+"""Errors of a trajectory against a reference: association in time, alignment, absolute and relative errors.
+
+The scale is never estimated: a sonar measures ranges, so a wrong scale is an error and shows as one.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from asfm.errors import AsfmError
+from asfm.poses import interpolate, invert, make_pose
+from asfm.types import FloatArray, IntArray, Trajectory
+
+STAMP_TOLERANCE_S = 1e-3
+"""Stamps in text are rounded: a pose this little outside the reference's time takes its nearest end."""
+STATIC_PATH_M = 1e-6
+"""Positions spread less than this say nothing of the rotation."""
+STRAIGHT_PATH = 1e-9
+"""Second to first singular value of the positions' covariance below which a path is a straight line."""
+
+
+@dataclass(frozen=True)
+class PosePairs:
+    """Poses of an estimate with the reference's poses at the same stamps, each in its own world."""
+
+    timestamps_s: FloatArray
+    """(N,), N >= 2."""
+    estimate: FloatArray
+    """(N, 4, 4) estimated_world_from_vehicle."""
+    reference: FloatArray
+    """(N, 4, 4) reference_world_from_vehicle."""
+
+    def __len__(self) -> int:
+        return len(self.timestamps_s)
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """What is told of a set of errors, in their unit."""
+
+    rmse: float
+    mean: float
+    median: float
+    max: float
+
+
+def associate(estimate: Trajectory, reference: Trajectory) -> PosePairs:
+    """Pair each pose of the estimate inside the reference's time with the reference interpolated (SLERP) there.
+
+    Raises:
+        AsfmError: fewer than two poses of the estimate lie inside, or a pose is not finite.
+    """
+    for name, trajectory in (("estimate", estimate), ("reference", reference)):
+        for row in np.flatnonzero(~np.isfinite(trajectory.world_from_vehicle).all(axis=(1, 2)))[:1]:
+            raise AsfmError(f"{name}, pose {row}: expected finite numbers, found nan or inf: remove that pose")
+    inside = _inside(estimate.timestamps_s, reference.timestamps_s)
+    if inside.sum() < 2:
+        raise AsfmError(
+            f"expected two or more poses of the estimate within the reference's time, found {inside.sum()}: "
+            f"the estimate {_span(estimate.timestamps_s)}, the reference {_span(reference.timestamps_s)}; "
+            "give both the same clock"
+        )
+    at_s = estimate.timestamps_s[inside]
+    at_reference = interpolate(reference.timestamps_s, reference.world_from_vehicle, at_s)
+    return PosePairs(at_s, estimate.world_from_vehicle[inside], at_reference)
+
+
+def align_se3(estimate: FloatArray, reference: FloatArray) -> FloatArray:
+    """Find the rigid transform that brings the estimated positions closest to the reference's, scale fixed at one.
+
+    Kabsch 1976, Umeyama 1991 without scale. Where the positions leave a rotation open (a straight or a static path,
+    two poses), the orientations settle it.
+
+    Args:
+        estimate: (N, 4, 4), N >= 1.
+        reference: (N, 4, 4).
+
+    Returns:
+        (4, 4) reference_world_from_estimated_world.
+    """
+    estimate_mean, reference_mean = estimate[:, :3, 3].mean(axis=0), reference[:, :3, 3].mean(axis=0)
+    estimate_m, reference_m = estimate[:, :3, 3] - estimate_mean, reference[:, :3, 3] - reference_mean
+    left, spread, right = np.linalg.svd(reference_m.T @ estimate_m / len(estimate))
+    if min(np.abs(estimate_m).max(), np.abs(reference_m).max()) < STATIC_PATH_M:
+        rotation = _align_orientations(estimate, reference, None)
+    elif spread[1] <= STRAIGHT_PATH * spread[0]:
+        rotation = _align_orientations(estimate, reference, (right[0], left[:, 0]))
+    else:
+        handedness = np.sign(np.linalg.det(left) * np.linalg.det(right))
+        rotation = left @ np.diag([1.0, 1.0, handedness]) @ right
+    return make_pose(reference_mean - rotation @ estimate_mean, Rotation.from_matrix(rotation))
+
+
+def align_first_pose(estimate: FloatArray, reference: FloatArray) -> FloatArray:
+    """Find the rigid transform that lays the first pose of (N, 4, 4) on the reference's first: (4, 4)."""
+    return np.asarray(reference[0] @ invert(estimate[0]))
+
+
+def absolute_errors(estimate: FloatArray, reference: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Compare (N, 4, 4) poses of one world one by one: translation_m (N,) and rotation_rad (N,)."""
+    translation_m = np.linalg.norm(estimate[:, :3, 3] - reference[:, :3, 3], axis=1)
+    return translation_m, _rotation_angle(invert(reference) @ estimate)
+
+
+def relative_errors(
+    estimate: FloatArray, reference: FloatArray, first: IntArray, last: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Compare the motion from pose first[i] to pose last[i]: translation_m (P,) and rotation_rad (P,).
+
+    The relative pose error of Sturm et al. 2012; the worlds of the two need no alignment.
+    """
+    estimated_motion = invert(estimate[first]) @ estimate[last]
+    true_motion = invert(reference[first]) @ reference[last]
+    error = invert(true_motion) @ estimated_motion
+    return np.linalg.norm(error[:, :3, 3], axis=1), _rotation_angle(error)
+
+
+def pairs_by_step(count: int, step: int = 1) -> tuple[IntArray, IntArray]:
+    """Pair every pose with the one a number of steps later: first (P,), last (P,)."""
+    first = np.arange(max(count - step, 0))
+    return first, first + step
+
+
+def pairs_by_distance(reference: FloatArray, distance_m: float) -> tuple[IntArray, IntArray]:
+    """Pair every pose of (N, 4, 4) with the first one that lies at least a distance further along the path.
+
+    Returns:
+        first (P,), last (P,); empty where the whole path is shorter or the distance is not positive.
+    """
+    along_m = np.concatenate([[0.0], np.cumsum(_steps_m(reference))])
+    last = np.searchsorted(along_m, along_m + distance_m * (1 - 1e-9))
+    first = np.flatnonzero((last < len(along_m)) & (distance_m > 0))
+    return first, last[first]
+
+
+def path_length_m(world_from_vehicle: FloatArray) -> float:
+    """Sum the distances between successive (N, 4, 4) poses."""
+    return float(_steps_m(world_from_vehicle).sum())
+
+
+def summarise(errors: FloatArray) -> Statistics:
+    """Give the statistics of (N,) errors, N >= 1."""
+    return Statistics(
+        rmse=float(np.sqrt(np.mean(np.square(errors)))),
+        mean=float(np.mean(errors)),
+        median=float(np.median(errors)),
+        max=float(np.max(errors)),
+    )
+
+
+def _inside(at_s: FloatArray, timestamps_s: FloatArray) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
+    if len(timestamps_s) == 0:
+        return np.zeros(len(at_s), dtype=bool)
+    after_start = at_s >= timestamps_s[0] - STAMP_TOLERANCE_S
+    return np.asarray(after_start & (at_s <= timestamps_s[-1] + STAMP_TOLERANCE_S))
+
+
+def _span(timestamps_s: FloatArray) -> str:
+    if len(timestamps_s) == 0:
+        return "has no poses"
+    return f"runs from {timestamps_s[0]:.3f} to {timestamps_s[-1]:.3f} s"
+
+
+def _steps_m(poses: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1))
+
+
+def _rotation_angle(pose: FloatArray) -> FloatArray:
+    return np.asarray(Rotation.from_matrix(pose[:, :3, :3]).magnitude())
+
+
+def _align_orientations(
+    estimate: FloatArray, reference: FloatArray, line: tuple[FloatArray, FloatArray] | None
+) -> FloatArray:
+    """Rotate the mean orientation onto the reference's; a line, given as (estimated, true) direction, comes first."""
+    targets = np.swapaxes(reference[:, :3, :3], 1, 2).reshape(-1, 3)
+    sources = np.swapaxes(estimate[:, :3, :3], 1, 2).reshape(-1, 3)
+    weights = np.ones(len(targets))
+    if line is not None:
+        sources, targets = np.vstack([line[0], sources]), np.vstack([line[1], targets])
+        weights = np.concatenate([[np.inf], weights])
+    rotation, _ = Rotation.align_vectors(targets, sources, weights=weights)
+    return np.asarray(rotation.as_matrix())
