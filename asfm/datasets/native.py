@@ -1,5 +1,6 @@
 """Reader of the native sequence folder. Opening parses the text files; images are read when asked for."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -9,10 +10,11 @@ import numpy as np
 from asfm.datasets.images import read_grey_png, read_png_shape, scale_to_unit
 from asfm.datasets.native_settings import SonarSettings, read_settings
 from asfm.datasets.tables import check_rising, parse_integers, parse_numbers, read_csv, read_tum
+from asfm.datasets.truth import read_truth_file
 from asfm.errors import AsfmError
 from asfm.sequence import Sequence
 from asfm.sonar import SonarModel
-from asfm.types import FloatArray, Frame, HandTracks, Navigation, Trajectory
+from asfm.types import FloatArray, Frame, FrameTruth, HandTracks, Navigation, Trajectory
 
 COVERAGE_TOLERANCE_S = 1e-3
 """Stamps in text are rounded: less than this outside is not worth a word."""
@@ -38,10 +40,8 @@ def read_native(folder: Path) -> Sequence:
         AsfmError: a file is missing or wrong; the message names the file, the row, what was expected and found.
     """
     settings = read_settings(folder / "sequence.yaml")
-    timestamps_s, images, invalid_masks = _read_frames_table(folder)
-    shape = read_png_shape(images[0])
-    sonar, descending = make_sonar(settings.sonar, shape, folder / "sequence.yaml")
-    frames = NativeFrames(timestamps_s, images, invalid_masks, shape, descending)
+    frames, sonar = _locate_frames(folder, settings.sonar)
+    timestamps_s = frames.timestamps_s
     odometry = _read_trajectory(folder / "odometry.tum")
     navigation = _read_navigation(folder / "navigation.csv")
     warnings = []
@@ -63,6 +63,20 @@ def read_native(folder: Path) -> Sequence:
         kind="native",
         warnings=tuple(warnings),
     )
+
+
+def open_native_truth(folder: Path) -> Callable[[int], FrameTruth] | None:
+    """Give a function that reads the truth of frame i, or None where the folder holds no truth.
+
+    A frame and its truth have the same file name but for the suffix.
+
+    Raises:
+        AsfmError: as for :func:`read_native`, and for a file of truth when it is read.
+    """
+    if not (folder / "truth").is_dir():
+        return None
+    frames, _ = _locate_frames(folder, read_settings(folder / "sequence.yaml").sonar)
+    return partial(_read_frame_truth, folder / "truth", frames)
 
 
 def read_native_frame(frames: NativeFrames, index: int) -> Frame:
@@ -109,6 +123,18 @@ def check_coverage(path: Path, timestamps_s: FloatArray, frames_s: FloatArray) -
     if outside.all() and (end < frames_s[0] or start > frames_s[-1]):
         raise AsfmError(f"{path}: it covers {spans}: no common time; correct the stamps or remove the file")
     return [f"{path.name} covers {spans}: {outside.sum()} of {len(frames_s)} frames take its nearest reading"]
+
+
+def _locate_frames(folder: Path, settings: SonarSettings) -> tuple[NativeFrames, SonarModel]:
+    timestamps_s, images, invalid_masks = _read_frames_table(folder)
+    shape = read_png_shape(images[0])
+    sonar, descending = make_sonar(settings, shape, folder / "sequence.yaml")
+    return NativeFrames(timestamps_s, images, invalid_masks, shape, descending), sonar
+
+
+def _read_frame_truth(folder: Path, frames: NativeFrames, index: int) -> FrameTruth:
+    name = frames.images[index].with_suffix(".npz").name
+    return read_truth_file(folder / name, frames.shape, frames.descending)
 
 
 def _read_frames_table(folder: Path) -> tuple[FloatArray, tuple[Path, ...], tuple[Path | None, ...]]:
