@@ -1,0 +1,124 @@
+"""The echo of every ray, and the sum of echoes in every pixel: power before the receiver's spread and noise.
+
+For a ray of solid angle W that meets a face of reflectivity m at range r and incidence angle i, the backscattered
+power after two-way spreading is m (cos i + s cos^n i) W / r^2: Lambert's m cos^2 i over the area W r^2 / cos i, plus a
+mirror-like lobe. Elevation ambiguity, shadow and layover follow from the geometry alone.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from asfm.simulation.rays import Hits, RayFan
+from asfm.simulation.scene import Scene
+from asfm.simulation.sensor import ImagingSonar
+from asfm.sonar import SonarModel
+from asfm.types import FloatArray, ImageArray, IntArray
+
+MAX_PARTS = 12
+SAME_SURFACE_RAD = np.deg2rad(1.0)
+
+
+@dataclass(frozen=True)
+class Echoes:
+    """Pieces of surface as the receiver hears them, before its own spread; E of them."""
+
+    row: ImageArray
+    """(E,) fractional row."""
+    column: IntArray
+    """(E,) beam."""
+    power: ImageArray
+    """(E,) share of the pixel's echo density."""
+    elevation_rad: ImageArray
+    """(E,)"""
+
+
+def trace_echoes(hits: Hits, fan: RayFan, scene: Scene, sonar: ImagingSonar, model: SonarModel) -> Echoes:
+    """Turn hits into echoes; those out of range stay, with rows outside the image."""
+    ray = hits.ray
+    toward = np.einsum("ij,ij->i", hits.normal, fan.direction[ray])
+    facing = np.abs(toward)
+    power = facing + sonar.specular_strength * facing**sonar.specular_exponent
+    power *= scene.reflectivity.astype(np.float32)[hits.face]
+    power *= _ray_gain(fan, sonar, model)[ray]
+    power *= _range_gain(hits.range_m, sonar)
+    # On the tangent plane n.p = const, so that dr/d(elevation) = -r (n.upward) / (n.direction).
+    slope = np.einsum("ij,ij->i", hits.normal, fan.upward[ray]) / np.where(facing > 1e-3, toward, 1e-3)
+    extent = slope * hits.range_m * np.float32(-fan.elevation_step_rad / model.range_step_m)
+    row = (hits.range_m - np.float32(model.range_edges_m[0])) / np.float32(model.range_step_m)
+    return _split(Echoes(row, fan.column[ray], power, fan.elevation_rad[ray]), extent, fan.elevation_step_rad)
+
+
+def _ray_gain(fan: RayFan, sonar: ImagingSonar, model: SonarModel) -> ImageArray:
+    """Transmitter's and receiver's beam pattern times the ray's share of a pixel's solid angle."""
+    off_axis = fan.elevation_rad / (model.elevation_aperture_rad / 2)
+    bearing = model.bearing_rad / np.abs(model.bearing_rad).max()
+    pattern_db = sonar.elevation_edge_db * off_axis**2 + (sonar.azimuth_edge_db * bearing**2)[fan.column]
+    pixel = model.range_step_m * np.diff(model.bearing_edges_rad)[fan.column]
+    return np.asarray(10 ** (pattern_db / 10) * fan.solid_angle_sr / pixel, dtype=np.float32)
+
+
+def _range_gain(range_m: ImageArray, sonar: ImagingSonar) -> ImageArray:
+    """Spreading, absorption and time-varying gain, over the area that a solid angle covers; 1 m at mid-range."""
+    middle_m = 0.5 * (sonar.range_min + sonar.range_max)
+    gain = range_m * range_m * np.float32(1 / middle_m)
+    if sonar.tvg_exponent != 4.0:
+        gain *= (range_m * np.float32(1 / middle_m)) ** np.float32(sonar.tvg_exponent - 4)
+    if sonar.absorption_db_per_m:
+        gain *= np.float32(10.0) ** (range_m * np.float32(-0.2 * sonar.absorption_db_per_m))
+    return gain
+
+
+def _split(echoes: Echoes, extent: ImageArray, step_rad: float) -> Echoes:
+    """Split echoes of faces so oblique that one ray's footprint covers several rows."""
+    parts = np.clip(np.ceil(np.abs(extent)), 1, MAX_PARTS).astype(np.int64)
+    if not len(parts) or parts.max() == 1:
+        return echoes
+    index = np.repeat(np.arange(len(parts)), parts)
+    first = np.cumsum(parts) - parts
+    count = parts[index].astype(np.float32)
+    place = (np.arange(len(index)) - first[index] + np.float32(0.5)) / count - np.float32(0.5)
+    return Echoes(
+        echoes.row[index] + place * np.clip(extent, -MAX_PARTS, MAX_PARTS)[index],
+        echoes.column[index],
+        echoes.power[index] / count,
+        echoes.elevation_rad[index] + place * np.float32(step_rad),
+    )
+
+
+def accumulate_power(echoes: Echoes, shape: tuple[int, int]) -> ImageArray:
+    """Sum echoes into a (ranges, beams) image, each shared by the two rows nearest to it."""
+    rows, columns = shape
+    position = np.clip(echoes.row + np.float32(0.5), 0, rows + 1)
+    upper = position.astype(np.int64)
+    share = position - upper
+    # One row of padding on either side takes what lies outside; a second below for the clipped end.
+    flat = upper * columns + echoes.column
+    size = (rows + 3) * columns
+    total = np.bincount(flat, echoes.power * (1 - share), size)
+    total += np.bincount(flat + columns, echoes.power * share, size)
+    return total.reshape(-1, columns)[1 : rows + 1].astype(np.float32)
+
+
+def average_elevation(echoes: Echoes, shape: tuple[int, int]) -> FloatArray:
+    """Give the elevation of each pixel's strongest surface, NaN where nothing echoes.
+
+    Where several surfaces fall into one pixel (layover) a mean over all would name a place where there is nothing:
+    the mean, weighted by power, is over the echoes within one degree of the strongest.
+    """
+    rows, columns = shape
+    position = np.clip(echoes.row + np.float32(0.5), 0, rows + 1)
+    upper = position.astype(np.int64)
+    flat = upper * columns + echoes.column
+    pixel = np.concatenate([flat, flat + columns])
+    power = np.concatenate([echoes.power * (1 - position + upper), echoes.power * (position - upper)]).astype(float)
+    elevation = np.tile(echoes.elevation_rad.astype(float), 2)
+    size = (rows + 3) * columns
+    strongest = np.zeros(size)
+    order = np.argsort(power, kind="stable")
+    strongest[pixel[order]] = elevation[order]  # of equal indices the last, strongest, stays
+    near = np.abs(elevation - strongest[pixel]) <= SAME_SURFACE_RAD
+    weight = np.bincount(pixel[near], power[near], size)
+    total = np.bincount(pixel[near], (power * elevation)[near], size)
+    mean: FloatArray = np.divide(total, weight, out=np.full(size, np.nan), where=weight > 0)
+    return mean.reshape(-1, columns)[1 : rows + 1]

@@ -1,0 +1,119 @@
+"""Rays over azimuth and elevation, and where they strike a mesh (Embree)."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from asfm.errors import AsfmError
+from asfm.simulation.scene import Scene
+from asfm.sonar import SonarModel
+from asfm.types import FloatArray, ImageArray, IntArray
+
+GOLDEN = 0.6180339887498949
+
+
+@dataclass(frozen=True)
+class RayFan:
+    """The rays of one ping in the sonar frame, beam after beam; they do not change with the pose."""
+
+    direction: ImageArray
+    """(N, 3) unit vectors."""
+    upward: ImageArray
+    """(N, 3) unit vectors in which the elevation grows: d direction / d elevation."""
+    column: IntArray
+    """(N,) beam that hears the ray."""
+    elevation_rad: ImageArray
+    """(N,)"""
+    solid_angle_sr: ImageArray
+    """(N,) that the ray stands for."""
+    elevation_step_rad: float
+    """Between neighbours of one beam."""
+
+
+@dataclass(frozen=True)
+class Hits:
+    """What the rays that struck something found; H of N."""
+
+    ray: IntArray
+    """(H,) index in the fan."""
+    range_m: ImageArray
+    """(H,)"""
+    normal: ImageArray
+    """(H, 3) unit normals in the sonar frame, outward by the winding of the face."""
+    face: IntArray
+    """(H,) index of the face."""
+
+
+def make_ray_fan(sonar: SonarModel, rays_per_beam: int) -> RayFan:
+    """Spread rays evenly over every beam's cell of azimuth and elevation.
+
+    The rays of a beam form a rank-1 lattice (golden ratio across the beam), shifted from beam to beam, so that
+    neither thin objects nor the rows of the image meet a regular grid, which would show as moire.
+    """
+    beams = len(sonar.bearing_rad)
+    edges = sonar.bearing_edges_rad
+    step_rad = sonar.elevation_aperture_rad / rays_per_beam
+    ray = np.arange(rays_per_beam)
+    beam = np.arange(beams)[:, None]
+    across = (GOLDEN * (ray + 1) + 0.7548776662466927 * beam) % 1.0
+    along = (ray + (0.5 + 0.5698402909980532 * beam) % 1.0) * step_rad
+    bearing = edges[:-1, None] + across * np.diff(edges)[:, None]
+    elevation = along - sonar.elevation_aperture_rad / 2
+    sin_b, cos_b, sin_e, cos_e = np.sin(bearing), np.cos(bearing), np.sin(elevation), np.cos(elevation)
+    return RayFan(
+        direction=_rows(cos_e * cos_b, cos_e * sin_b, sin_e),
+        upward=_rows(-sin_e * cos_b, -sin_e * sin_b, cos_e),
+        column=np.repeat(np.arange(beams), rays_per_beam),
+        elevation_rad=elevation.ravel().astype(np.float32),
+        solid_angle_sr=(cos_e * step_rad * np.diff(edges)[:, None]).ravel().astype(np.float32),
+        elevation_step_rad=step_rad,
+    )
+
+
+def _rows(x: FloatArray, y: FloatArray, z: FloatArray) -> ImageArray:
+    return np.ascontiguousarray(np.stack([x.ravel(), y.ravel(), z.ravel()], axis=-1), dtype=np.float32)
+
+
+class RayCaster:
+    """A mesh ready for rays. Keeps Embree's acceleration structure; safe to use from several threads."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Build the acceleration structure.
+
+        Raises:
+            AsfmError: the scene has no faces.
+        """
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
+
+        if not len(scene.faces):
+            raise AsfmError(f"scene {scene.name}: expected a mesh with faces, found none")
+        self._scene: Any = EmbreeScene()
+        # Embree works in float32: keep the numbers small by moving the scene's middle to the origin.
+        self._centre_m: FloatArray = 0.5 * (scene.vertices_m.min(axis=0) + scene.vertices_m.max(axis=0))
+        triangles = (scene.vertices_m - self._centre_m)[scene.faces].astype(np.float32)
+        self._mesh: Any = TriangleMesh(self._scene, triangles)
+
+    def cast(self, world_from_sonar: FloatArray, direction: ImageArray) -> Hits:
+        """Find the first surface along each ray.
+
+        Args:
+            world_from_sonar: (4, 4).
+            direction: (N, 3) unit vectors of the sonar frame.
+        """
+        rotation = world_from_sonar[:3, :3].astype(np.float32)
+        origin = (world_from_sonar[:3, 3] - self._centre_m).astype(np.float32)
+        found = self.shoot(origin, direction @ rotation.T)
+        ray = np.flatnonzero(found["primID"] >= 0)
+        normal = found["Ng"][ray] @ rotation
+        normal /= np.sqrt(np.einsum("ij,ij->i", normal, normal))[:, None]
+        return Hits(ray, found["tfar"][ray], normal, found["primID"][ray])
+
+    def shoot(self, origin: ImageArray, direction: ImageArray) -> dict[str, NDArray[Any]]:
+        """Run Embree alone: (3,) origin and (N, 3) directions, both relative to the scene's middle."""
+        found: dict[str, NDArray[Any]] = self._scene.run(
+            np.broadcast_to(origin, direction.shape), direction, output=True, query="INTERSECT"
+        )
+        return found
