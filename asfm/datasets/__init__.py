@@ -3,19 +3,19 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from asfm.datasets.native import read_native
+from asfm.datasets.aris import is_aris, read_aris
+from asfm.datasets.holoocean import is_holoocean, read_holoocean
+from asfm.datasets.native import is_native, open_native_truth, read_native
 from asfm.errors import AsfmError
 from asfm.sequence import Sequence
+from asfm.types import FrameTruth
 
-__all__ = ["open_sequence"]
-
-
-def _is_native(path: Path) -> bool:
-    return (path / "sequence.yaml").is_file()
-
+__all__ = ["open_sequence", "open_truth"]
 
 FORMATS: tuple[tuple[str, Callable[[Path], bool], Callable[[Path], Sequence]], ...] = (
-    ("a native folder with sequence.yaml", _is_native, read_native),
+    ("a native folder with sequence.yaml", is_native, read_native),
+    ("a HoloOcean folder with Config.json and Data/*.pkl", is_holoocean, read_holoocean),
+    ("an ARIS recording (.aris)", is_aris, read_aris),
 )
 """What each format looks like, how to recognise it, how to read it."""
 
@@ -26,10 +26,18 @@ def open_sequence(path: Path) -> Sequence:
     Raises:
         AsfmError: there is nothing at the path, or nothing that is read.
     """
-    if not path.exists():
-        raise AsfmError(f"{path}: expected a sequence, found nothing there")
-    for _, recognises, read in FORMATS:
-        if recognises(path):
-            return read(path)
+    try:
+        if not path.exists():
+            raise AsfmError(f"{path}: expected a sequence, found nothing there")
+        for _, recognises, read in FORMATS:
+            if recognises(path):
+                return read(path)
+    except OSError as error:
+        raise AsfmError(f"{path}: cannot read: {error.strerror} ({error.filename or path})") from None
     known = "; ".join(description for description, _, _ in FORMATS)
     raise AsfmError(f"{path}: expected one of the formats that are read ({known}), found none of them")
+
+
+def open_truth(path: Path) -> Callable[[int], FrameTruth] | None:
+    """Give a function that reads the truth of frame i of a simulated sequence, or None where there is none."""
+    return open_native_truth(path) if is_native(path) else None

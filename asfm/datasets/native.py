@@ -33,6 +33,11 @@ class NativeFrames:
     """Column 0 on disk is the most port beam: flip each image once."""
 
 
+def is_native(path: Path) -> bool:
+    """Tell whether a folder holds a native sequence."""
+    return (path / "sequence.yaml").is_file()
+
+
 def read_native(folder: Path) -> Sequence:
     """Open a native sequence folder.
 
