@@ -13,14 +13,14 @@ from asfm.datasets.native_writer import write_native
 from asfm.errors import AsfmError
 from asfm.sequence import Sequence
 from asfm.sonar import SonarModel
-from asfm.types import Frame, Navigation, Trajectory
+from asfm.types import FloatArray, Frame, Navigation, Trajectory
 
 
 def make_sequence(count: int = 3) -> Sequence:
     """A small sequence with masks, odometry and navigation."""
     sonar = SonarModel.evenly_spaced("sonar", (0.5, 3.0), (-0.5, 0.4), (12, 8), 0.2)
     image = np.linspace(0, 1, 96, dtype=np.float32).reshape(sonar.shape)
-    stamps = 1.7e9 + np.arange(count)
+    stamps: FloatArray = np.arange(count, dtype=np.float64) + 1.7e9
     return Sequence(
         name="sequence",
         sonar=sonar,

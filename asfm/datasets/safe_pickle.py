@@ -117,6 +117,11 @@ def _encode(text: Any, encoding: Any) -> bytes:
     return text.encode("latin1")
 
 
+def _empty_bytes() -> bytes:
+    """How protocols 0 to 2 write no bytes at all."""
+    return b""
+
+
 NDARRAY = object()
 """Stand-in of numpy.ndarray: it can be named, but neither called nor made."""
 
@@ -124,6 +129,8 @@ ADMITTED: dict[tuple[str, str], Any] = {
     ("numpy", "ndarray"): NDARRAY,
     ("numpy", "dtype"): _Admitted(_Dtype),
     ("_codecs", "encode"): _Admitted(_encode),
+    ("__builtin__", "bytes"): _Admitted(_empty_bytes),
+    ("builtins", "bytes"): _Admitted(_empty_bytes),
 }
 for core in ("numpy.core", "numpy._core"):  # numpy 1 and 2
     ADMITTED[f"{core}.multiarray", "_reconstruct"] = _Admitted(_reconstruct)
