@@ -48,13 +48,12 @@ class Recipe:
 SCENES: dict[str, Recipe] = {"seafloor": Recipe(make_seafloor, view_seafloor, "sway")}
 
 
-def make_scene(name: str, range_max_m: float, rng: np.random.Generator) -> tuple[Scene, View, str]:
-    """Make a scene by name, with the view and the motion that suit it.
+def find_scene(name: str) -> Recipe:
+    """Give a scene's recipe by name.
 
     Raises:
         AsfmError: no such scene; the message lists those there are.
     """
     if name not in SCENES:
         raise AsfmError(f"unknown scene {name!r}; known: {', '.join(SCENES)}")
-    recipe = SCENES[name]
-    return recipe.make(rng), recipe.view(range_max_m), recipe.motion
+    return SCENES[name]

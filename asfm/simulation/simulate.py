@@ -14,7 +14,7 @@ from asfm.simulation.presets import find_preset
 from asfm.simulation.rays import RayCaster, RayFan, make_ray_fan
 from asfm.simulation.receiver import PointSpread, add_noise, make_point_spread, spread_power
 from asfm.simulation.scene import Scene
-from asfm.simulation.scenes import make_scene
+from asfm.simulation.scenes import find_scene
 from asfm.simulation.sensor import ImagingSonar, make_sonar_model
 from asfm.sonar import SonarModel
 from asfm.types import FloatArray, Frame, FrameTruth, ImageArray, SensorNoise, Trajectory
@@ -79,9 +79,11 @@ def simulate(
     if seed < 0:
         raise AsfmError(f"expected a seed of zero or more, found {seed}")
     sonar = find_preset(preset)
-    scene, view, usual_motion = make_scene(scene_name, sonar.range_max, _generator(seed, _SCENE))
+    recipe = find_scene(scene_name)
+    move = find_motion(motion or recipe.motion)
+    scene = recipe.make(_generator(seed, _SCENE))
     times_s: FloatArray = np.arange(frame_count) / sonar.rate_hz
-    poses = find_motion(motion or usual_motion)(view, times_s, _generator(seed, _MOTION))
+    poses = move(recipe.view(sonar.range_max), times_s, _generator(seed, _MOTION))
     return simulate_path(scene, sonar, Trajectory(times_s, poses), seed)
 
 

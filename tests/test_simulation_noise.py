@@ -1,0 +1,59 @@
+"""The simulated noise has the statistics that were asked for."""
+
+import numpy as np
+import pytest
+from asfm.simulation.receiver import add_noise, make_point_spread, spread_power
+from asfm.simulation.sensor import ImagingSonar, make_sonar_model
+from scipy import stats
+
+SONAR = ImagingSonar(range_bins=300, azimuth_bins=128, azimuth=60)
+MODEL = make_sonar_model(SONAR)
+
+
+def _noisy(level: float, **changes: object) -> np.ndarray:
+    sonar = SONAR.model_copy(update=changes)
+    clean = np.full(MODEL.shape, level, dtype=np.float32)
+    return add_noise(clean, sonar, MODEL, np.random.default_rng(3))
+
+
+@pytest.mark.parametrize("sigma", [0.01, 0.08])
+def test_background_is_rayleigh(sigma: float) -> None:
+    background = _noisy(0.0, add_sigma=sigma).ravel()
+    assert stats.kstest(background, stats.rayleigh(scale=sigma).cdf).pvalue > 0.01
+    # The test can fail: a scale 3 % off is found out.
+    assert stats.kstest(background, stats.rayleigh(scale=1.03 * sigma).cdf).pvalue < 0.01
+
+
+@pytest.mark.parametrize("contrast", [0.1, 0.35, 0.52])
+def test_speckle_has_the_contrast_asked_for(contrast: float) -> None:
+    image = _noisy(0.1, add_sigma=0.0, mult_sigma=contrast)
+    assert image.std() / image.mean() == pytest.approx(contrast, rel=0.05)
+    assert image.mean() == pytest.approx(0.1, rel=0.02)
+
+
+def test_noise_stays_in_range_and_off_means_off() -> None:
+    loud = _noisy(0.9, add_sigma=0.5, mult_sigma=0.8)
+    assert loud.dtype == np.float32 and loud.min() >= 0 and loud.max() <= 1
+    assert np.array_equal(_noisy(0.4, add_sigma=0.0, mult_sigma=0.0), np.full(MODEL.shape, 0.4, dtype=np.float32))
+
+
+def test_background_grows_with_range_as_asked() -> None:
+    image = _noisy(0.0, add_sigma=0.05, noise_range_exponent=1.0)
+    by_row = image.mean(axis=1)
+    expected = 0.05 * np.sqrt(np.pi / 2) * MODEL.range_m / SONAR.range_max
+    assert np.polyfit(expected, by_row, 1)[0] == pytest.approx(1.0, abs=0.05)
+
+
+def test_point_spread_keeps_the_power_and_makes_side_lobes() -> None:
+    sonar = SONAR.model_copy(update={"beam_width_deg": 1.0, "pulse_length_m": 0.1, "side_lobe_db": -30.0})
+    power = np.zeros(MODEL.shape, dtype=np.float32)
+    power[150, 64] = 1.0
+    smeared = spread_power(power, make_point_spread(sonar, MODEL))
+    assert smeared.sum() == pytest.approx(1.0, rel=1e-3)
+    assert smeared.argmax() == 150 * 128 + 64
+    ring = smeared[150] / smeared[150, 64]
+    width_beams = 1.0 / np.rad2deg(MODEL.bearing_step_rad)
+    assert (ring >= 0.5).sum() == pytest.approx(width_beams, abs=1.5)
+    assert (smeared[:, 64] >= 0.5 * smeared.max()).sum() == pytest.approx(0.1 / MODEL.range_step_m, abs=1.5)
+    lobe_db = 10 * np.log10(ring[64 + 4 : 64 + 8].max())
+    assert -36 < lobe_db < -28
