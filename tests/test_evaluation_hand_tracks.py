@@ -97,8 +97,9 @@ def test_what_lies_outside_the_time_is_left_out() -> None:
 
 def test_too_few_views_give_no_measure() -> None:
     trajectory = sway(12)
-    two = Trajectory(trajectory.timestamps_s[:2], trajectory.world_from_vehicle[:2])
-    assert measure_hand_tracks(track(trajectory, POINTS), two, SONAR, LEVER) is None
+    for count in (2, 0):
+        few = Trajectory(trajectory.timestamps_s[:count], trajectory.world_from_vehicle[:count])
+        assert measure_hand_tracks(track(trajectory, POINTS), few, SONAR, LEVER) is None
 
 
 def test_the_true_poses_of_the_tank_fit_and_still_ones_do_not(shared_data: Path) -> None:

@@ -33,6 +33,8 @@ def measure_hand_tracks(
     Ranges and bearings are weighed by the size of the sonar's pixels. Observations outside the trajectory's time, and
     points with fewer than three of the others, are left out; None where nothing remains.
     """
+    if len(trajectory.timestamps_s) == 0:
+        return None
     at_s = hand_tracks.timestamps_s
     inside = (at_s >= trajectory.timestamps_s[0]) & (at_s <= trajectory.timestamps_s[-1])
     world_from_vehicle = interpolate(trajectory.timestamps_s, trajectory.world_from_vehicle, at_s)
