@@ -67,6 +67,7 @@ FAULTS: list[tuple[str, Callable[[Path], None], str]] = [
         r"frames\.csv, line 4: .*1\.5 \(line 2\), found 1\.5",
     ),
     ("back", put("frames.csv", CSV + "2.0,a.png\n1.0,b.png\n"), r"frames\.csv, line 3: .*after 2\.0 .*found 1\.0"),
+    ("open quote", put("frames.csv", CSV + '0,"a.png\n'), r"frames\.csv: cannot read the table"),
     ("binary", put("frames.csv", "\x00\x01"), r"frames\.csv, line 1"),
     ("no image", put("frames.csv", CSV + "0,gone.png\n"), r"gone\.png: expected a grey PNG image, found none"),
     ("first no png", put("frames.csv", CSV + "0,frames.csv\n"), r"frames\.csv: expected a grey PNG image, found"),
@@ -103,6 +104,8 @@ FAULTS: list[tuple[str, Callable[[Path], None], str]] = [
     ),
     ("yaml zero", edit("sequence.yaml", "elevation_aperture_deg: ", "elevation_aperture_deg: -"), r"greater than 0"),
     ("yaml broken", put("sequence.yaml", "sonar: [\n"), r"sequence\.yaml: cannot read the settings"),
+    ("yaml date", put("sequence.yaml", "sonar: 2020-99-99\n"), r"sequence\.yaml: cannot read the settings"),
+    ("yaml deep", put("sequence.yaml", "[" * 5000), r"sequence\.yaml: cannot read the settings"),
     ("yaml list", put("sequence.yaml", "- 1\n"), r"sequence\.yaml: the file: .*found \[1\]"),
     ("yaml empty", put("sequence.yaml", ""), r"sequence\.yaml: expected the key 'sonar'"),
     (

@@ -13,9 +13,9 @@ from asfm.datasets import open_sequence
 from asfm.datasets.native import open_native_truth, read_native
 from asfm.datasets.native_writer import write_native
 from asfm.errors import AsfmError
-from asfm.poses import make_pose
+from asfm.poses import invert, make_pose, transform
 from asfm.sequence import Sequence
-from asfm.sonar import SonarModel
+from asfm.sonar import SonarModel, back_project, project
 from asfm.types import Frame, FrameTruth, HandTracks, Navigation, SensorNoise, Trajectory
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -327,3 +327,23 @@ def test_the_simulated_recording_has_all_its_sensors(shared_data: Path) -> None:
     noisy, truth = sequence.read_frame(3).image, read(3)
     assert np.corrcoef(noisy.ravel(), truth.clean.ravel())[0, 1] > 0.5
     assert np.corrcoef(noisy[:, ::-1].ravel(), truth.clean.ravel())[0, 1] < 0.5, "both are turned alike"
+
+
+def test_elevation_poses_and_bearings_of_the_simulated_recording_agree(shared_data: Path) -> None:
+    """Points placed by true elevation, carried by true poses, show their true elevation; mirrored ones do not."""
+    folder = shared_data / "simulated_seafloor"
+    sequence, read = open_sequence(folder), open_native_truth(folder)
+    assert read is not None and sequence.groundtruth is not None
+    sonar, poses = sequence.sonar, sequence.groundtruth.world_from_vehicle @ sequence.vehicle_from_sonar
+    before, after = read(0).elevation_rad, read(20).elevation_rad
+    rows, columns = np.nonzero(np.isfinite(before))
+
+    def median_error_rad(side: int) -> float:
+        xyz_m = back_project(sonar.range_m[rows], side * sonar.bearing_rad[columns], before[rows, columns])
+        seen_m = transform(invert(poses[20]) @ poses[0], xyz_m)
+        seen_m = seen_m[sonar.sees(seen_m)]
+        range_m, bearing_rad, elevation_rad = project(seen_m)
+        row, column = sonar.row_at_range(range_m).astype(int), sonar.column_at_bearing(side * bearing_rad).astype(int)
+        return float(np.nanmedian(np.abs(after[row, column] - elevation_rad)))
+
+    assert median_error_rad(1) < np.radians(0.2) < 2 * np.radians(0.2) < median_error_rad(-1)

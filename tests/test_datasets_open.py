@@ -1,5 +1,6 @@
 """Recognising formats, and the summary of what was opened."""
 
+import dataclasses
 import subprocess
 import sys
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from asfm.datasets import open_sequence, open_truth
+from asfm.datasets.native_writer import write_native
 from asfm.datasets.summary import path_length_m, summarise_sequence
 from asfm.errors import AsfmError
 from asfm.poses import make_pose
@@ -83,12 +85,28 @@ def test_the_summary_states_numbers_with_units() -> None:
 def test_one_frame_can_be_summarised() -> None:
     table = dict(summarise_sequence(make_sequence(count=1)))
     assert (table["frames"], table["duration"], table["rate"]) == ("1", "0.00 s", "one frame")
-    assert table["odometry"] == "1 poses, path of 0.00 m"
+    assert table["odometry"] == "1 pose, path of 0.00 m"
 
 
 def test_a_path_is_the_sum_of_its_steps() -> None:
     there_and_back = make_pose(np.array([[0.0, 0, 0], [0, 0, 2], [0, 0, 0]]), Rotation.identity(3))
     assert path_length_m(Trajectory(np.arange(3.0), there_and_back)) == pytest.approx(4)
+
+
+@pytest.mark.parametrize("name", ["aris/sample.aris", "holoocean_boat", "turtle_sim", "oculus_tank_b"])
+def test_every_format_converts_to_the_native_folder(shared_data: Path, tmp_path: Path, name: str) -> None:
+    original = open_sequence(shared_data / name)
+    head = dataclasses.replace(original, timestamps_s=original.timestamps_s[:3])
+    write_native(tmp_path / "copy", head)
+    copy = open_sequence(tmp_path / "copy")
+    assert copy.kind == "native" and len(copy) == 3
+    np.testing.assert_allclose(copy.sonar.bearing_rad, original.sonar.bearing_rad, atol=1e-11)
+    np.testing.assert_allclose(copy.sonar.range_m, original.sonar.range_m, atol=1e-9)
+    np.testing.assert_array_equal(copy.timestamps_s, original.timestamps_s[:3])
+    for ours, theirs in zip(copy, head, strict=True):
+        np.testing.assert_allclose(ours.image, theirs.image, atol=0.5 / 255 + 1e-6)
+        np.testing.assert_array_equal(ours.invalid, theirs.invalid)
+    assert (copy.groundtruth is None) == (original.groundtruth is None)
 
 
 def test_recordings_can_be_summarised(shared_data: Path) -> None:

@@ -50,7 +50,10 @@ def read_grey_png(path: Path, shape: tuple[int, int]) -> NDArray[Any]:
             f"found {found[0]} x {found[1]}"
         )
     _check_chunks(path, content)
-    pixels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    try:
+        pixels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:  # more pixels than OpenCV takes
+        pixels = None
     if pixels is None or pixels.shape != shape:
         raise AsfmError(f"{path}: expected a grey PNG image, found one that cannot be decoded: write it again")
     return np.asarray(pixels)

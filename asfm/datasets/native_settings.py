@@ -134,7 +134,7 @@ def read_settings(path: Path) -> SequenceSettings:
     """
     try:
         settings: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         raise AsfmError(f"{path}: cannot read the settings: {' '.join(str(error).split())}") from None
     try:
         return SequenceSettings.model_validate({} if settings is None else settings)

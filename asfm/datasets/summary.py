@@ -74,7 +74,8 @@ def _describe_sonar(sonar: SonarModel) -> list[Row]:
 def _describe_trajectory(trajectory: Trajectory | None) -> str:
     if trajectory is None:
         return "none"
-    return f"{len(trajectory.timestamps_s)} poses, path of {path_length_m(trajectory):.2f} m"
+    count = len(trajectory.timestamps_s)
+    return f"{count} pose{'s' if count > 1 else ''}, path of {path_length_m(trajectory):.2f} m"
 
 
 def _describe_navigation(sequence: Sequence) -> str:

@@ -111,6 +111,9 @@ def _split_lines(path: Path, csv_lines: bool) -> Iterator[Row]:
     if not csv_lines:
         split = (line.partition("#")[0].split() for line in lines)
         return ((number, cells) for number, cells in enumerate(split, start=1) if cells)
-    cells_of_lines = (next(csv.reader([line]), []) for line in lines)
+    try:
+        cells_of_lines = [next(csv.reader([line], strict=True), []) for line in lines]
+    except csv.Error as error:
+        raise AsfmError(f"{path}: cannot read the table: {error}") from None
     stripped = ([cell.strip() for cell in cells] for cells in cells_of_lines)
     return ((number, cells) for number, cells in enumerate(stripped, start=1) if any(cells))
