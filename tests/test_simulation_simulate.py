@@ -56,7 +56,7 @@ def test_noise_differs_from_ping_to_ping(seafloor: SimulatedSequence) -> None:
 @pytest.mark.parametrize(
     ("request_", "message"),
     [
-        ({"scene_name": "moon"}, "unknown scene 'moon'; known: seafloor"),
+        ({"scene_name": "moon"}, "unknown scene 'moon'; known: seafloor, "),
         ({"scene_name": "seafloor", "preset": "lidar"}, "unknown sonar preset 'lidar'; known: "),
         ({"scene_name": "seafloor", "motion": "dance"}, "unknown motion 'dance'; known: "),
         ({"scene_name": "seafloor", "frame_count": 0}, "at least one frame"),

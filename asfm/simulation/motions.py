@@ -82,10 +82,18 @@ def hover(view: View, times_s: FloatArray, rng: np.random.Generator) -> FloatArr
     return _hold(view, times_s) @ make_sway(times_s, _sway_amplitude(view, 0.3), rng)
 
 
+def transect(view: View, times_s: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Pass along the scene sideways, to port, by 0.2 m/s, swaying in all six axes."""
+    poses = _hold(view, times_s)
+    port = np.array([-np.sin(view.heading_rad), np.cos(view.heading_rad), 0.0])
+    poses[:, :3, 3] += 0.2 * (times_s - times_s.mean())[:, None] * port
+    return poses @ make_sway(times_s, _sway_amplitude(view, 0.7), rng)
+
+
 Motion = Callable[[View, FloatArray, np.random.Generator], FloatArray]
 """(view, (N,) stamps, generator) -> (N, 4, 4) world_from_sonar."""
 
-MOTIONS: dict[str, Motion] = {"sway": sway, "hover": hover}
+MOTIONS: dict[str, Motion] = {"sway": sway, "hover": hover, "transect": transect}
 
 
 def find_motion(name: str) -> Motion:

@@ -44,9 +44,12 @@ class Renderer:
         return trace_echoes(hits, self.fan, self.scene, self.sonar, self.model)
 
     def amplitude(self, echoes: Echoes) -> ImageArray:
-        """Give the (ranges, beams) echo strength without noise, not yet clipped to 0..1."""
-        power = spread_power(accumulate_power(echoes, self.model.shape), self.spread)
-        return np.sqrt(power) * np.float32(self.gain)
+        """Give the (ranges, beams) root of the echo density, as the receiver smears it."""
+        return np.sqrt(spread_power(accumulate_power(echoes, self.model.shape), self.spread))
+
+    def render(self, echoes: Echoes) -> ImageArray:
+        """Give the (ranges, beams) image without noise in 0..1; the receiver limits strong echoes softly."""
+        return np.asarray(-np.expm1(self.amplitude(echoes) * np.float32(-self.gain)))
 
 
 @dataclass(frozen=True)
@@ -93,14 +96,13 @@ def simulate_path(scene: Scene, sonar: ImagingSonar, path: Trajectory, seed: int
     poses = path.world_from_vehicle
 
     def read_frame(index: int) -> Frame:
-        clean = np.clip(renderer.amplitude(renderer.trace(poses[index])), 0, 1)
+        clean = renderer.render(renderer.trace(poses[index]))
         image = add_noise(clean, sonar, renderer.model, _generator(seed, _FRAMES, index))
         return Frame(index, float(path.timestamps_s[index]), image, np.zeros(image.shape, dtype=bool))
 
     def read_truth(index: int) -> FrameTruth:
         echoes = renderer.trace(poses[index])
-        clean = np.clip(renderer.amplitude(echoes), 0, 1)
-        return FrameTruth(average_elevation(echoes, renderer.model.shape), clean)
+        return FrameTruth(average_elevation(echoes, renderer.model.shape), renderer.render(echoes))
 
     sequence = Sequence(
         scene.name,
@@ -126,7 +128,10 @@ def make_renderer(scene: Scene, sonar: ImagingSonar, poses: FloatArray) -> Rende
     sample = poses[np.unique(np.linspace(0, len(poses) - 1, 3).round().astype(int))]
     echo = np.concatenate([renderer.amplitude(renderer.trace(pose)).ravel() for pose in sample])
     echo = echo[echo > 0.02 * max(echo.max(), 1e-12)]
-    return replace(renderer, gain=0.25 / float(np.median(echo))) if len(echo) else renderer
+    if not len(echo):
+        return renderer
+    middle, strong = np.quantile(echo, [0.5, 0.9])
+    return replace(renderer, gain=min(0.3 / float(middle), 0.9 / float(strong)))
 
 
 def _generator(seed: int, *stream: int) -> np.random.Generator:
