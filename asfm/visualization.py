@@ -22,7 +22,8 @@ from asfm.sequence import Sequence
 from asfm.sonar import SonarModel, back_project
 from asfm.types import BoolArray, FloatArray, Frame, Keypoints, Landmarks, Matches, Reconstruction, Tracks, Trajectory
 
-FAN_WIDTH_PX = 600
+FAN_WIDTH_PX, FAN_HEIGHT_PX = 600, 1000
+"""The width of a fan, unless a narrow sonar would make it higher than that."""
 JPEG_QUALITY = 60
 TAIL_FRAMES = 10
 KEYPOINT, MATCH, MASK = (255, 214, 64), (255, 64, 200), (64, 255, 128)
@@ -79,7 +80,10 @@ class RerunRecorder:
             raise AsfmError(f"{path}: cannot write the recording: {error.strerror}") from None
         self._rr: Any = rerun
         self._stamps_s = sequence.timestamps_s
-        fan, sonar = FanGrid.fit(sequence.sonar, FAN_WIDTH_PX), sequence.sonar
+        sonar = sequence.sonar
+        fan = FanGrid.fit(sonar, FAN_WIDTH_PX)
+        if fan.height_px > FAN_HEIGHT_PX:
+            fan = FanGrid.fit(sonar, max(FAN_WIDTH_PX * FAN_HEIGHT_PX // fan.height_px, 1))
         self._draw: dict[str, Callable[[NDArray[Any]], NDArray[Any]]] = {"fan": fan.draw, "polar": lambda image: image}
         self._place: dict[str, Callable[[FloatArray, FloatArray], FloatArray]] = {
             "fan": fan.pixel_at,
@@ -97,7 +101,7 @@ class RerunRecorder:
         self._stream.save(path)
         self._stream.send_recording_name(sequence.name)
         self._log("world", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        self._send_blueprint(np.eye(4)[None], sonar.range_m[-1:, None] * [[1.0, 0.0, 0.0]])
+        self._send_blueprint(sonar, np.eye(4)[None], np.zeros((0, 3)))
 
     def record_frame(self, frame: Frame, mask: BoolArray, keypoints: Keypoints) -> None:
         """Draw image, mask and keypoints on the fan and on the polar image."""
@@ -133,7 +137,7 @@ class RerunRecorder:
         warnings = [(text, "WARN") for text in (*sequence.warnings, *reconstruction.warnings)]
         for text, level in warnings or [("No warnings.", "INFO")]:
             self._log("warnings", self._rr.TextLog(text, level=level))
-        self._send_blueprint(world_from_sonar, landmarks.xyz_m[landmarks.well_constrained])
+        self._send_blueprint(sequence.sonar, world_from_sonar, landmarks.xyz_m[landmarks.well_constrained])
 
     def close(self) -> None:
         """Write what is still buffered and close the file."""
@@ -204,7 +208,7 @@ class RerunRecorder:
         data = cv2.imencode(f".{kind}", picture, quality)[1].tobytes()
         return self._rr.EncodedImage(contents=data, media_type=f"image/{kind}", **options)
 
-    def _send_blueprint(self, world_from_sonar: FloatArray, seen_m: FloatArray) -> None:
+    def _send_blueprint(self, sonar: SonarModel, world_from_sonar: FloatArray, seen_m: FloatArray) -> None:
         """Arrange the views: images left, the world right, words below; open at the end, where all is drawn."""
         from rerun import blueprint as rrb
 
@@ -214,7 +218,7 @@ class RerunRecorder:
         images = rrb.Vertical(
             rrb.Spatial2DView(origin="fan", contents=fan, name="Fan: echoes, keypoints, matches"),
             rrb.Horizontal(
-                rrb.Spatial2DView(origin="polar", name="Polar image (starboard left)"),
+                rrb.Spatial2DView(origin="polar", name="Polar image"),
                 rrb.Spatial2DView(
                     origin="fan",
                     contents=["$origin/image", "$origin/tracks"],
@@ -225,7 +229,7 @@ class RerunRecorder:
             ),
             row_shares=[3, 2],
         )
-        position, target = _look_at(world_from_sonar, seen_m)
+        position, target = _look_at(sonar, world_from_sonar, seen_m)
         eye = rrb.EyeControls3D(position=position, look_target=target, eye_up=[0.0, 0.0, 1.0])
         world = rrb.Spatial3DView(origin="world", name="World", overrides={"world/so_far": so_far}, eye_controls=eye)
         words = rrb.Horizontal(
@@ -302,17 +306,18 @@ def _shrink(picture: NDArray[np.uint8]) -> bytes:
     return np.repeat(small[..., None], 3, axis=-1).tobytes()
 
 
-def _look_at(world_from_sonar: FloatArray, seen_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _look_at(sonar: SonarModel, world_from_sonar: FloatArray, seen_m: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Choose (eye, target): from behind, above and beside the path, far enough for the viewer's 55 degrees of view."""
     path_m = world_from_sonar[:, :3, 3]
-    cloud_m = np.percentile(seen_m, [2, 98], axis=0) if len(seen_m) else path_m
-    scene_m = np.concatenate([path_m, cloud_m])
+    if not len(seen_m):  # nothing found: show how far the sonar looked
+        seen_m = path_m + sonar.range_m[-1] * world_from_sonar[:, :3, 0]
+    scene_m = np.concatenate([path_m, np.percentile(seen_m, [2, 98], axis=0)])
     low, high = scene_m.min(axis=0), scene_m.max(axis=0)
     ahead = world_from_sonar[:, :2, 0].mean(axis=0)
-    ahead = ahead / max(float(np.hypot(*ahead)), 1e-9)
+    ahead = ahead / np.hypot(*ahead) if np.hypot(*ahead) > 1e-6 else np.array([1.0, 0.0])  # the latter looks down
     direction = np.array([-ahead[0] - 0.6 * ahead[1], -ahead[1] + 0.6 * ahead[0], 0.9])
     target = (low + high) / 2
-    return target + max(float(np.linalg.norm(high - low)), 0.1) * 0.6 * direction, target
+    return target + float(np.linalg.norm(high - low)) * 0.6 * direction, target
 
 
 def _tint(mask: BoolArray) -> NDArray[np.uint8]:
@@ -359,7 +364,8 @@ def _summarise(sequence: Sequence, reconstruction: Reconstruction) -> str:
         [
             f"**{sequence.name}** ({sequence.sonar.name}): {len(sequence)} frames, path of {length_m:.2f} m, "
             f"{reconstruction.tracks.count} tracks, {len(landmarks)} landmarks, {good.sum()} well constrained{spread}",
-            "**Images**: green mask of echoes, yellow keypoints, magenta matches with the frame before, tracks' tails",
+            "**Images**: green mask of echoes, yellow keypoints, magenta matches with the frame before, tails of "
+            "tracks; port is on the fan's left",
             "**World**: blue estimate, orange odometry, green ground truth, from the same first pose; points coloured "
             "by height, larger while in view; grey arcs where the motion leaves the elevation open",
         ]

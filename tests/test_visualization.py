@@ -333,6 +333,35 @@ def test_a_run_that_found_nothing_is_recorded_too(tmp_path: Path, count: int) ->
     assert "0 landmarks" in recording.value("/summary", "TextDocument:text")[0]
 
 
+@pytest.mark.parametrize("pitch_rad", [0.0, np.pi / 2])
+def test_the_eye_looks_at_the_scene_from_above_and_aside(tmp_path: Path, pitch_rad: float) -> None:
+    """Even where the sonar looks straight down: an eye exactly above would not know which way is up."""
+    sequence = _sequence(count=2)
+    pose = make_pose(np.array([[10.0, 20.0, 5.0]] * 2), Rotation.from_euler("zy", [[0.0, pitch_rad]] * 2))
+    still = replace(_nothing(sequence), trajectory=Trajectory(sequence.timestamps_s, pose))
+    _record(tmp_path / "eye.rrd", replace(sequence, vehicle_from_sonar=np.eye(4)), still)
+    reader = Recording(tmp_path / "eye.rrd").reader
+    eyes, targets = [], []
+    for entry in reader.blueprints():
+        for chunk in reader.stream(store=entry).to_chunks():
+            batch = chunk.to_record_batch()
+            if "EyeControls3D:position" in batch.schema.names:
+                eyes.append(np.array(batch.column("EyeControls3D:position").to_pylist()[0][0]))
+                targets.append(np.array(batch.column("EyeControls3D:look_target").to_pylist()[0][0]))
+    scene_m = np.array([10.0, 20.0, 5.0]) + 4.0 * pose[0, :3, 0]
+    (which,) = np.nonzero(np.linalg.norm(np.array(targets) - scene_m, axis=1) < 0.1)[0]
+    offset_m = eyes[which] - targets[which]
+    assert offset_m[2] > 1.0 and np.hypot(*offset_m[:2]) > 1.0
+
+
+def test_narrow_fans_do_not_grow_tall(tmp_path: Path) -> None:
+    narrow = SonarModel.evenly_spaced("narrow", (1.0, 8.0), (-0.05, 0.05), SONAR.shape, 0.2)
+    sequence = replace(_sequence(count=1), sonar=narrow)
+    _record(tmp_path / "narrow.rrd", sequence, _nothing(sequence))
+    height_px, width_px = Recording(tmp_path / "narrow.rrd").picture("/fan/image", 0).shape
+    assert 980 <= height_px <= 1020 and 90 <= width_px <= 110
+
+
 def test_truth_of_another_time_is_left_out(tmp_path: Path) -> None:
     sequence = _sequence()
     assert sequence.groundtruth is not None
