@@ -1,52 +1,72 @@
 """Detection against a plain double loop, and its false-alarm rate on noise."""
 
+import math
 from pathlib import Path
+from typing import get_args
 
 import cv2
 import numpy as np
 import pytest
 from asfm.config import CfarConfig
 from asfm.errors import AsfmError
-from asfm.frontend.cfar import detect_cfar
+from asfm.frontend.cfar import Method, detect_cfar
+from asfm.frontend.threshold_factors import halves_factors, order_factors, order_ranks
 from asfm.types import BoolArray, ImageArray
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+
+def windows(probability: float, guard_px: tuple[int, int], reference_px: tuple[int, int]) -> CfarConfig:
+    """Configure windows of any kind, one-dimensional ones too."""
+    return CfarConfig.model_construct(false_alarm_probability=probability, guard_px=guard_px, reference_px=reference_px)
+
+
 Cell = tuple[int, int]
+METHODS: tuple[Method, ...] = get_args(Method)
 
 
-def reference_cells(image: ImageArray, valid: BoolArray, config: CfarConfig, cell: Cell) -> list[tuple[Cell, float]]:
-    """Where the usable reference cells of one cell lie, relative to it, and their power."""
+def reference_cells(image: ImageArray, valid: BoolArray, config: CfarConfig, cell: Cell) -> list[tuple[int, float]]:
+    """Row relative to the cell, and power, of each usable reference cell."""
     (row, column), cells = cell, []
     for i in range(-config.reference_px[0], config.reference_px[0] + 1):
         for j in range(-config.reference_px[1], config.reference_px[1] + 1):
             guarded = abs(i) <= config.guard_px[0] and abs(j) <= config.guard_px[1]
             inside = 0 <= row + i < image.shape[0] and 0 <= column + j < image.shape[1]
             if inside and not guarded and valid[row + i, column + j]:
-                cells.append(((i, j), float(image[row + i, column + j]) ** 2))
+                cells.append((i, float(image[row + i, column + j]) ** 2))
     return cells
 
 
-def is_detected(image: ImageArray, valid: BoolArray, config: CfarConfig, cell: Cell) -> bool:
-    """Cell averaging, slowly and plainly."""
-    powers = [power for _, power in reference_cells(image, valid, config, cell)]
-    if not powers or not valid[cell]:
-        return False
+def threshold(cells: list[tuple[int, float]], method: Method, probability: float) -> float:
+    """Factor times statistic of the reference cells, slowly and plainly."""
+    powers = sorted(power for _, power in cells)
+    halves = [half for half in ([p for i, p in cells if i < 0], [p for i, p in cells if i > 0]) if half]
     n = len(powers)
-    alpha = n * (config.false_alarm_probability ** (-1 / n) - 1)
-    return bool(float(image[cell]) ** 2 > alpha * sum(powers) / n)
+    if n == 0 or (method in ("goca", "soca") and not halves):
+        return math.inf
+    if method == "ca":
+        return float(probability ** (-1 / n) - 1) * sum(powers)
+    if method == "os":
+        factor, rank = order_factors(np.array([n]), probability, 0.75), int(order_ranks(np.array([n]), 0.75)[0])
+        return float(factor[0]) * powers[rank - 1]
+    before, behind = (np.array([sum(i * sign > 0 for i, _ in cells)]) for sign in (-1, 1))
+    factor = halves_factors(before, behind, probability, method == "goca")
+    choose = max if method == "goca" else min
+    return float(factor[0]) * choose(sum(half) / len(half) for half in halves)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=100)
 @given(
+    method=st.sampled_from(METHODS),
     shape=st.tuples(st.integers(1, 14), st.integers(1, 14)),
     guard_px=st.tuples(st.integers(0, 3), st.integers(0, 3)),
-    wider_px=st.tuples(st.integers(1, 9), st.integers(1, 9)),
+    wider_px=st.tuples(st.integers(0, 9), st.integers(0, 9)).filter(any),
     probability=st.sampled_from([0.5, 0.1, 1e-2, 1e-4]),
     invalid_share=st.sampled_from([0.0, 0.2, 0.9, 1.0]),
     seed=st.integers(0, 99),
 )
 def test_detections_are_those_of_a_plain_loop(
+    method: Method,
     shape: tuple[int, int],
     guard_px: tuple[int, int],
     wider_px: tuple[int, int],
@@ -59,23 +79,35 @@ def test_detections_are_those_of_a_plain_loop(
     image[rng.random(shape) < 0.1] *= 5
     valid = rng.random(shape) >= invalid_share
     reference_px = (guard_px[0] + wider_px[0], guard_px[1] + wider_px[1])
-    config = CfarConfig(false_alarm_probability=probability, guard_px=guard_px, reference_px=reference_px)
-    expected = [[is_detected(image, valid, config, (r, c)) for c in range(shape[1])] for r in range(shape[0])]
-    np.testing.assert_array_equal(detect_cfar(image, valid, config), expected)
+    config = windows(probability, guard_px, reference_px)
+    expected = np.zeros(shape, dtype=bool)
+    for cell in np.ndindex(shape):
+        limit = threshold(reference_cells(image, valid, config, cell), method, probability)
+        expected[cell] = valid[cell] and float(image[cell]) ** 2 > limit
+    np.testing.assert_array_equal(detect_cfar(image, valid, config, method=method), expected)
 
 
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("probability", [1e-1, 1e-2, 1e-3])
-def test_false_alarm_rate_on_noise_is_the_asked_one(probability: float) -> None:
+@pytest.mark.parametrize(("guard_px", "reference_px"), [((4, 4), (16, 12)), ((2, 0), (14, 0))])
+def test_false_alarm_rate_on_noise_is_the_asked_one(
+    method: Method, probability: float, guard_px: tuple[int, int], reference_px: tuple[int, int]
+) -> None:
     rng = np.random.default_rng(1)
-    config = CfarConfig(false_alarm_probability=probability)
-    valid = np.ones((1000, 1000), dtype=bool)
+    config = windows(probability, guard_px, reference_px)
+    valid = np.ones((800, 600), dtype=bool)
     valid[:, 400:410] = False
-    detected = detect_cfar(rng.rayleigh(size=valid.shape).astype(np.float32), valid, config)
-    assert detected[valid].mean() == pytest.approx(probability, rel=0.1)
+    power = rng.exponential(size=valid.shape).astype(np.float32)
+    detected = detect_cfar(np.sqrt(power), valid, config, method=method)
+    # A tenth of the asked rate, or what chance allows so few detections: three sigmas.
+    tolerance = max(0.1, 3 / np.sqrt(probability * valid.sum()))
+    assert detected[valid].mean() == pytest.approx(probability, rel=tolerance)
     border = valid.copy()
     border[10:-10, 10:-10] = False
-    assert detected[border].mean() == pytest.approx(probability, rel=0.25)
+    assert detected[border].mean() == pytest.approx(probability, rel=4 / np.sqrt(probability * border.sum()))
     assert not detected[~valid].any()
+    same = detect_cfar(power, valid, config, method=method, noise="exponential")
+    assert (same != detected).mean() < 1e-5
 
 
 def test_detections_do_not_depend_on_the_unit() -> None:
@@ -89,41 +121,82 @@ def test_detections_do_not_depend_on_the_unit() -> None:
     np.testing.assert_array_equal(detect_cfar(counts, valid, CfarConfig()), same)
 
 
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("value", [0.0, 0.3, 1.0, 65535.0])
-def test_nothing_stands_out_of_a_constant_image(value: float) -> None:
+def test_nothing_stands_out_of_a_constant_image(value: float, method: Method) -> None:
     image = np.full((50, 60), value, dtype=np.float32)
-    assert not detect_cfar(image, np.ones(image.shape, dtype=bool), CfarConfig()).any()
+    assert not detect_cfar(image, np.ones(image.shape, dtype=bool), CfarConfig(), method=method).any()
 
 
-def test_a_bright_target_leaves_no_ghosts_in_the_dark() -> None:
+@pytest.mark.parametrize("method", METHODS)
+def test_a_bright_target_leaves_no_ghosts_in_the_dark(method: Method) -> None:
     image = np.zeros((120, 120), dtype=np.float32)
     image[40, 40] = 1.0
     image[80, 83] = 1e-4
-    found = np.argwhere(detect_cfar(image, np.ones(image.shape, dtype=bool), CfarConfig()))
+    found = np.argwhere(detect_cfar(image, np.ones(image.shape, dtype=bool), CfarConfig(), method=method))
     np.testing.assert_array_equal(found, [[40, 40], [80, 83]])
 
 
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("hole", [np.nan, np.inf, -np.inf])
-def test_what_is_not_finite_is_invalid(hole: float) -> None:
+def test_what_is_not_finite_is_invalid(hole: float, method: Method) -> None:
     rng = np.random.default_rng(3)
     image = rng.rayleigh(size=(40, 50)).astype(np.float32)
     valid = rng.random(image.shape) > 0.2
     holed = np.where(valid, image, np.float32(hole))
     everywhere = np.ones(image.shape, dtype=bool)
-    np.testing.assert_array_equal(detect_cfar(holed, everywhere, CfarConfig()), detect_cfar(image, valid, CfarConfig()))
-    assert not detect_cfar(np.full((9, 9), hole, dtype=np.float32), everywhere[:9, :9], CfarConfig()).any()
+    detected = detect_cfar(holed, everywhere, CfarConfig(), method=method)
+    np.testing.assert_array_equal(detected, detect_cfar(image, valid, CfarConfig(), method=method))
+    nothing = np.full((9, 9), hole, dtype=np.float32)
+    assert not detect_cfar(nothing, everywhere[:9, :9], CfarConfig(), method=method).any()
 
 
-def test_one_pixel_and_no_valid_pixel_have_no_detections() -> None:
-    assert not detect_cfar(np.ones((1, 1), dtype=np.float32), np.ones((1, 1), dtype=bool), CfarConfig()).any()
+@pytest.mark.parametrize("method", METHODS)
+def test_one_pixel_and_no_valid_pixel_have_no_detections(method: Method) -> None:
+    one = np.ones((1, 1), dtype=np.float32)
+    assert not detect_cfar(one, one > 0, CfarConfig(), method=method).any()
     image = np.random.default_rng(0).random((30, 30)).astype(np.float32)
-    assert not detect_cfar(image, np.zeros(image.shape, dtype=bool), CfarConfig()).any()
+    assert not detect_cfar(image, np.zeros(image.shape, dtype=bool), CfarConfig(), method=method).any()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_windows_larger_than_the_image_see_all_of_it(method: Method) -> None:
+    image = np.random.default_rng(5).rayleigh(size=(21, 17)).astype(np.float32)
+    valid = np.ones(image.shape, dtype=bool)
+    huge, large = windows(0.1, (1, 1), (10**6, 10**6)), windows(0.1, (1, 1), (20, 16))
+    detected = detect_cfar(image, valid, huge, method=method)
+    assert detected.any()
+    np.testing.assert_array_equal(detected, detect_cfar(image, valid, large, method=method))
+    assert not detect_cfar(image, valid, windows(0.1, (50, 50), (99, 99)), method=method).any()
+
+
+def test_methods_keep_their_promises() -> None:
+    rng = np.random.default_rng(6)
+    image = rng.rayleigh(size=(400, 100)).astype(np.float32)
+    image[200:] *= 10
+    valid = np.ones(image.shape, dtype=bool)
+    edge = slice(200, 212)
+    alarms = {m: detect_cfar(image, valid, CfarConfig(), method=m)[edge].mean() for m in METHODS}
+    assert alarms["goca"] < 0.3 * alarms["ca"] < alarms["soca"]
+    image = rng.rayleigh(size=(100, 100)).astype(np.float32)
+    image[40, 20::20] = 6
+    image[44:56, 10:90] = 30
+    found = {m: detect_cfar(image, valid[:100], CfarConfig(), method=m)[40, 20::20].sum() for m in METHODS}
+    assert found["goca"] == found["ca"] == 0
+    assert found["soca"] == 4
 
 
 def test_bad_input_is_refused_with_one_clear_line() -> None:
     image = np.zeros((5, 5), dtype=np.float32)
     with pytest.raises(AsfmError, match=r"\(5, 5\) and \(4, 5\)"):
         detect_cfar(image, np.ones((4, 5), dtype=bool), CfarConfig())
+    everywhere = np.ones((5, 5), dtype=bool)
+    with pytest.raises(AsfmError, match="method of ca, goca, soca, os; found 'cfar'"):
+        detect_cfar(image, everywhere, CfarConfig(), method="cfar")  # type: ignore[arg-type]
+    with pytest.raises(AsfmError, match="noise of rayleigh, exponential; found 'gauss'"):
+        detect_cfar(image, everywhere, CfarConfig(), noise="gauss")  # type: ignore[arg-type]
+    with pytest.raises(AsfmError, match="order_fraction"):
+        detect_cfar(image, everywhere, CfarConfig(), order_fraction=0.0)
     with pytest.raises(AsfmError, match="expected an image"):
         detect_cfar(image[:0], np.ones((0, 5), dtype=bool), CfarConfig())
 
