@@ -103,7 +103,7 @@ def _record(path: Path, sequence: Sequence, reconstruction: Reconstruction | Non
     for frame in sequence:
         recorder.record_frame(frame, _mask(frame.index), _keypoints(frame.index))
         if frame.index:
-            pairs = np.array([[0, 0], [2, 2]])
+            pairs = np.array([[0, 0], [2, 1]])
             matches = Matches(frame.index - 1, frame.index, pairs, np.zeros(2))
             recorder.record_matches(_keypoints(frame.index - 1), _keypoints(frame.index), matches)
     recorder.record_reconstruction(sequence, reconstruction or _reconstruction(sequence))
@@ -221,7 +221,8 @@ def test_mask_is_see_through_outside_and_outlined(recording: Recording) -> None:
 def test_matches_run_from_the_old_to_the_new_position(recording: Recording) -> None:
     for view in ("fan", "polar"):
         before, after = (
-            np.array(recording.value(f"/{view}/keypoints", "Points2D:positions", frame))[[0, 2]] for frame in (2, 3)
+            np.array(recording.value(f"/{view}/keypoints", "Points2D:positions", frame))[which]
+            for frame, which in ((2, [0, 2]), (3, [0, 1]))
         )
         strips = np.array(recording.value(f"/{view}/matches", "LineStrips2D:strips", 3))
         np.testing.assert_allclose(strips, np.stack([before, after], axis=1))
@@ -231,6 +232,8 @@ def test_tracks_step_from_observation_to_observation_in_a_steady_colour(recordin
     keypoints = [np.array(recording.value("/fan/keypoints", "Points2D:positions", frame))[:2] for frame in (3, 4)]
     strips = np.array(recording.value("/fan/tracks", "LineStrips2D:strips", 4))
     np.testing.assert_allclose(strips, np.stack(keypoints, axis=1), atol=1e-4)
+    beginnings = np.array(recording.value("/fan/tracks", "LineStrips2D:strips", 0))
+    np.testing.assert_array_equal(beginnings[:, 0], beginnings[:, 1])
     colours = [recording.value("/fan/tracks", "LineStrips2D:colors", frame) for frame in range(FRAMES)]
     assert all(colour == colours[0] for colour in colours) and len(set(colours[0])) == 2
 
