@@ -1,0 +1,83 @@
+"""Native GTSAM factors for what a sonar, an odometer, a depth and an attitude sensor measure.
+
+GTSAM's own BearingRangeFactor3D is wrong for sonar with anisotropic noise (its tangent basis swaps azimuth and
+elevation), and a CustomFactor in Python is tens of times slower than a native one. A beam is therefore modelled as a
+unit camera that looks along it: the horizontal image coordinate of a point is the tangent of its bearing error, the
+vertical one tan(elevation) / cos(bearing error), which is left almost free because the elevation is not measured.
+"""
+
+import gtsam
+import numpy as np
+
+from asfm.types import FloatArray
+
+UNKNOWN_ELEVATION_SIGMA = 1e2
+"""Standard deviation of tan(elevation): says that the elevation is not measured."""
+APERTURE_EDGE_RAD = 0.01
+"""Standard deviation of the elevation beyond the edge of the aperture: beams do not end sharply."""
+UNIT_CAMERA = gtsam.Cal3_S2(1.0, 1.0, 0.0, 0.0, 0.0)
+
+
+def sonar_from_beam(bearing_rad: float) -> gtsam.Rot3:
+    """Turn a camera (x lateral, y vertical, z forward) so that it looks along the beam at a bearing."""
+    sine, cosine = np.sin(bearing_rad), np.cos(bearing_rad)
+    return gtsam.Rot3(np.array([[-sine, 0.0, cosine], [cosine, 0.0, sine], [0.0, 1.0, 0.0]]))
+
+
+def cauchy(sigmas: FloatArray, scale: float = 2.0) -> gtsam.noiseModel.Base:
+    """Make a diagonal noise model with a Cauchy kernel, which forgives observations beyond a few sigmas."""
+    kernel = gtsam.noiseModel.mEstimator.Cauchy.Create(scale)
+    return gtsam.noiseModel.Robust.Create(kernel, gtsam.noiseModel.Diagonal.Sigmas(sigmas))
+
+
+def bearing_factor(
+    pose_key: int, point_key: int, bearing_rad: float, sigma_rad: float, vehicle_from_sonar: gtsam.Pose3
+) -> gtsam.NonlinearFactor:
+    """Constrain a point to the vertical plane of a beam; the elevation stays unknown."""
+    vehicle_from_beam = vehicle_from_sonar.compose(gtsam.Pose3(sonar_from_beam(bearing_rad), np.zeros(3)))
+    noise = cauchy(np.array([sigma_rad, UNKNOWN_ELEVATION_SIGMA]))
+    return gtsam.GenericProjectionFactorCal3_S2(np.zeros(2), noise, pose_key, point_key, UNIT_CAMERA, vehicle_from_beam)
+
+
+def aperture_factor(
+    pose_key: int, point_key: int, bearing_rad: float, elevation_rad: float, vehicle_from_sonar: gtsam.Pose3
+) -> gtsam.NonlinearFactor:
+    """Pull a point to an elevation, the edge of the aperture, with the softness of the beam's edge."""
+    vehicle_from_beam = vehicle_from_sonar.compose(gtsam.Pose3(sonar_from_beam(bearing_rad), np.zeros(3)))
+    noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([UNKNOWN_ELEVATION_SIGMA, APERTURE_EDGE_RAD]))
+    measured = np.array([0.0, np.tan(elevation_rad)])
+    return gtsam.GenericProjectionFactorCal3_S2(measured, noise, pose_key, point_key, UNIT_CAMERA, vehicle_from_beam)
+
+
+def range_factor(
+    pose_key: int, point_key: int, range_m: float, sigma_m: float, vehicle_from_sonar: gtsam.Pose3
+) -> gtsam.NonlinearFactor:
+    """Constrain a point to the sphere of a range around the sonar."""
+    return gtsam.RangeFactorWithTransform3D(
+        pose_key, point_key, range_m, cauchy(np.array([sigma_m])), vehicle_from_sonar
+    )
+
+
+def depth_factor(pose_key: int, z_m: float, sigma_m: float) -> gtsam.NonlinearFactor:
+    """Constrain the vehicle's height in the world; the horizontal position stays free."""
+    noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([1e4, 1e4, sigma_m]))
+    return gtsam.PoseTranslationPrior3D(pose_key, np.array([0.0, 0.0, z_m]), noise)
+
+
+def attitude_factor(pose_key: int, roll_rad: float, pitch_rad: float, sigma_rad: float) -> gtsam.NonlinearFactor:
+    """Constrain roll and pitch: the world's up, seen from the vehicle, points where the attitude sensor says."""
+    up_in_vehicle = gtsam.Rot3.RzRyRx(roll_rad, pitch_rad, 0.0).unrotate(np.array([0.0, 0.0, 1.0]))
+    noise = gtsam.noiseModel.Isotropic.Sigma(2, sigma_rad)
+    return gtsam.AttitudeFactorPose3(
+        pose_key, gtsam.Unit3(np.array([0.0, 0.0, 1.0])), noise, gtsam.Unit3(up_in_vehicle)
+    )
+
+
+def step_factor(
+    first_key: int, second_key: int, first_from_second: FloatArray, rotation_rad: float, translation_m: float
+) -> gtsam.NonlinearFactor:
+    """Constrain the motion between two poses to a measured step (4, 4)."""
+    sigmas = np.array([rotation_rad] * 3 + [translation_m] * 3)
+    return gtsam.BetweenFactorPose3(
+        first_key, second_key, gtsam.Pose3(first_from_second), gtsam.noiseModel.Diagonal.Sigmas(sigmas)
+    )

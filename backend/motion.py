@@ -1,0 +1,99 @@
+"""A chain of planar motions between frames: where the poses start when there is no odometry."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from asfm.poses import invert, make_pose
+from asfm.types import BoolArray, FloatArray, IntArray, Tracks
+
+MIN_SHARED = 4
+"""Fewest shared tracks from which a planar motion is believed."""
+
+
+def estimate_planar_motion(
+    xy_a: FloatArray, xy_b: FloatArray, tolerance_m: FloatArray, rng: np.random.Generator, trials: int = 300
+) -> tuple[FloatArray, BoolArray]:
+    """Find the planar motion a_from_b that most points agree with, by RANSAC over pairs of points.
+
+    The points are those of elevation zero, (r cos(theta), r sin(theta)).
+
+    Args:
+        xy_a, xy_b: (M, 2) the same points seen from two frames, M >= 2.
+        tolerance_m: (M,) how far an agreeing point may lie.
+
+    Returns:
+        (4, 4) a_from_b with no motion out of the plane, (M,) which points agree.
+    """
+    pick = np.array([rng.choice(len(xy_a), 2, replace=False) for _ in range(trials)])
+    motions = _fit_planar(xy_a[pick], xy_b[pick])
+    moved = np.einsum("tij,mj->tmi", motions[:, :2, :2], xy_b) + motions[:, None, :2, 2]
+    distance = np.linalg.norm(moved - xy_a, axis=-1) / tolerance_m
+    best = int(np.argmin(np.minimum(distance**2, 1.0).sum(axis=1)))
+    agrees = distance[best] < 1
+    for _ in range(3):
+        if agrees.sum() < 2:
+            break
+        motion = _fit_planar(xy_a[None, agrees], xy_b[None, agrees])[0]
+        agrees = np.linalg.norm(xy_b @ motion[:2, :2].T + motion[:2, 2] - xy_a, axis=1) / tolerance_m < 1
+    else:
+        return _lift(motion), agrees
+    return _lift(motions[best]), agrees
+
+
+def chain_planar_motions(
+    tracks: Tracks, frame_count: int, first_pose: FloatArray, vehicle_from_sonar: FloatArray, rng: np.random.Generator
+) -> tuple[FloatArray, BoolArray]:
+    """Chain the planar motions between consecutive frames.
+
+    Where two frames share too little, the last motion's frame is held: the pose does not move.
+
+    Returns:
+        (N, 4, 4) world_from_vehicle, (N,) false where the pose was held for want of shared tracks.
+    """
+    world_from_sonar = np.repeat((first_pose @ vehicle_from_sonar)[None], frame_count, axis=0)
+    supported = np.zeros(frame_count, dtype=bool)
+    supported[0] = True
+    xy = np.stack([tracks.range_m * np.cos(tracks.bearing_rad), tracks.range_m * np.sin(tracks.bearing_rad)], axis=1)
+    of_frame = _observations_by_frame(tracks, frame_count)
+    for frame in range(1, frame_count):
+        world_from_sonar[frame] = world_from_sonar[frame - 1]
+        for gap in range(1, min(frame, 4) + 1):
+            a, b = _shared(tracks, of_frame[frame - gap], of_frame[frame])
+            if len(a) < MIN_SHARED or not supported[frame - gap]:
+                continue
+            tolerance_m = 0.03 * tracks.range_m[b]
+            motion, agrees = estimate_planar_motion(xy[a], xy[b], tolerance_m, rng)
+            if agrees.sum() >= MIN_SHARED:
+                world_from_sonar[frame] = world_from_sonar[frame - gap] @ motion
+                supported[frame] = True
+                break
+    return world_from_sonar @ invert(vehicle_from_sonar), supported
+
+
+def _observations_by_frame(tracks: Tracks, frame_count: int) -> list[IntArray]:
+    order = np.argsort(tracks.frame, kind="stable")
+    return np.split(order, np.searchsorted(tracks.frame[order], np.arange(1, frame_count)))
+
+
+def _shared(tracks: Tracks, a: IntArray, b: IntArray) -> tuple[IntArray, IntArray]:
+    _, in_a, in_b = np.intersect1d(tracks.track[a], tracks.track[b], return_indices=True)
+    return a[in_a], b[in_b]
+
+
+def _fit_planar(xy_a: FloatArray, xy_b: FloatArray) -> FloatArray:
+    """Fit (T, 3, 3) rigid motions a_from_b to (T, M, 2) points in closed form (2-D Kabsch)."""
+    centre_a, centre_b = xy_a.mean(axis=1, keepdims=True), xy_b.mean(axis=1, keepdims=True)
+    da, db = xy_a - centre_a, xy_b - centre_b
+    angle = np.arctan2((db[..., 0] * da[..., 1] - db[..., 1] * da[..., 0]).sum(axis=1), (da * db).sum(axis=(1, 2)))
+    motion = np.zeros((len(angle), 3, 3))
+    motion[:, 0, 0] = motion[:, 1, 1] = np.cos(angle)
+    motion[:, 1, 0], motion[:, 0, 1] = np.sin(angle), -np.sin(angle)
+    motion[:, :2, 2] = centre_a[:, 0] - np.einsum("tij,tj->ti", motion[:, :2, :2], centre_b[:, 0])
+    motion[:, 2, 2] = 1
+    return motion
+
+
+def _lift(motion: FloatArray) -> FloatArray:
+    """Place a (3, 3) planar motion into (4, 4) space."""
+    angle = np.arctan2(motion[1, 0], motion[0, 0])
+    return make_pose(np.append(motion[:2, 2], 0.0), Rotation.from_euler("z", angle))
