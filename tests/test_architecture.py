@@ -1,0 +1,241 @@
+"""The rules of the house that no single module can see: layers, light imports, one printer, safe reading, packaging."""
+
+import ast
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+from importlinter.cli import lint_imports
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE_FOLDERS = ("asfm", "frontend", "backend")
+MAX_LINES = 300
+DOCUMENTED_BY_THEIR_BASE = {"find_class"}
+"""Overrides of methods of the standard library."""
+
+NEVER_ON_IMPORT = ("gtsam", "rerun", "trimesh", "embreex", "matplotlib", "evo")
+NOT_BEFORE_A_COMMAND = (*NEVER_ON_IMPORT, "cv2", "skimage", "sklearn")
+LIGHT_MODULES = (
+    "asfm",
+    "asfm.cli",
+    "asfm.sequence",
+    "asfm.datasets",
+    "asfm.evaluation.summary",
+    "asfm.evaluation.matching",
+    "asfm.evaluation.denoising",
+    "asfm.export",
+    "asfm.visualization",
+)
+
+
+def package_files() -> list[Path]:
+    """Every file of the package once: the links asfm/frontend and asfm/backend lead to folders that are walked."""
+    found = [path for folder in PACKAGE_FOLDERS for path in sorted((ROOT / folder).rglob("*.py"))]
+    return [path for path in found if path == path.resolve()]
+
+
+def python_files() -> list[Path]:
+    """The package, its tests and its tools."""
+    return package_files() + [path for folder in ("tests", "tools") for path in sorted((ROOT / folder).rglob("*.py"))]
+
+
+def module_name(path: Path) -> str:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    parts = parts if parts[0] == "asfm" else ("asfm", *parts)
+    return ".".join(part for part in parts if part != "__init__")
+
+
+def nodes(path: Path) -> Iterator[ast.AST]:
+    return ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+
+
+def imported_names(path: Path) -> set[str]:
+    """Absolute names of all modules that a file imports, wherever in the file."""
+    names: set[str] = set()
+    for node in nodes(path):
+        if isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}:{node.lineno} imports relatively"
+            names.add(node.module or "")
+    return names
+
+
+def imports_of(path: Path, package: str) -> bool:
+    return any(name.split(".")[0] == package for name in imported_names(path))
+
+
+def where(path: Path, node: ast.AST) -> str:
+    return f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 0)}"
+
+
+def called_name(node: ast.AST) -> str:
+    """Dotted name of what a call calls, as written."""
+    return ast.unparse(node.func) if isinstance(node, ast.Call) else ""
+
+
+def loaded_after_import(modules: list[str], heavy: tuple[str, ...]) -> list[str]:
+    """Import modules in a fresh interpreter; returns which of the heavy ones that has loaded."""
+    code = f"import sys, {', '.join(modules)}; print(*[name for name in {heavy!r} if name in sys.modules])"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=ROOT)
+    assert run.returncode == 0, run.stderr
+    return run.stdout.split()
+
+
+def project() -> dict[str, Any]:
+    return tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+
+
+def test_imports_follow_the_layers(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    failed = lint_imports(config_filename="pyproject.toml", no_cache=True, no_logo=True)
+    assert failed == 0, capsys.readouterr().out
+
+
+@pytest.mark.parametrize("package", ["frontend", "backend"])
+def test_bare_names_of_other_distributions_are_never_imported(package: str) -> None:
+    assert [path for path in python_files() if imports_of(path, package)] == []
+
+
+def test_frontend_and_backend_do_not_know_each_other() -> None:
+    for here, there in (("frontend", "asfm.backend"), ("backend", "asfm.frontend")):
+        files = [path for path in package_files() if path.parent == ROOT / here]
+        assert files
+        assert [path for path in files if any(name.startswith(there) for name in imported_names(path))] == []
+
+
+def test_only_the_viewer_knows_rerun() -> None:
+    assert [path.name for path in package_files() if imports_of(path, "rerun")] == ["visualization.py"]
+
+
+def test_the_test_oracle_is_never_imported_at_run_time() -> None:
+    assert [path for path in package_files() if imports_of(path, "evo")] == []
+    assert not any(name.startswith("evo") for name in project()["project"]["dependencies"])
+
+
+def test_only_the_backend_loads_gtsam_and_nothing_loads_what_is_heavier() -> None:
+    modules = [module_name(path) for path in package_files() if path.name != "__main__.py"]
+    solving = [name for name in modules if name.startswith(("asfm.backend", "asfm.pipeline"))]
+    others = [name for name in modules if name not in solving]
+    assert len(others) > 20
+    assert loaded_after_import(others, NEVER_ON_IMPORT) == []
+    assert set(loaded_after_import(solving, NEVER_ON_IMPORT)) <= {"gtsam"}
+
+
+@pytest.mark.parametrize("module", LIGHT_MODULES)
+def test_what_the_command_line_needs_to_answer_is_light(module: str) -> None:
+    if module == "asfm.cli" and not (ROOT / "asfm" / "cli.py").exists():
+        module = "asfm.errors"
+    assert loaded_after_import([module], NOT_BEFORE_A_COMMAND) == []
+
+
+def test_the_package_itself_imports_nothing_of_its_own() -> None:
+    assert not any(name.startswith("asfm") for name in imported_names(ROOT / "asfm" / "__init__.py"))
+
+
+def test_only_the_command_line_prints() -> None:
+    printers = ("print", "sys.stdout.write", "sys.stderr.write", "typer.echo", "rich.print", "pprint")
+    offences = [
+        where(path, node)
+        for path in package_files()
+        if path != ROOT / "asfm" / "cli.py"
+        for node in nodes(path)
+        if called_name(node) in printers
+    ]
+    assert offences == []
+
+
+def test_everything_public_has_a_docstring() -> None:
+    offences: list[str] = []
+    for path in package_files():
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        if ast.get_docstring(tree) is None:
+            offences.append(f"{path.relative_to(ROOT)} itself")
+        bodies = [tree.body] + [node.body for node in tree.body if isinstance(node, ast.ClassDef)]
+        for node in (node for body in bodies for node in body):
+            if not isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
+                continue
+            public = not node.name.startswith("_") and node.name not in DOCUMENTED_BY_THEIR_BASE
+            if public and ast.get_docstring(node) is None:
+                offences.append(f"{where(path, node)} {node.name}")
+    assert offences == []
+
+
+def test_files_stay_small() -> None:
+    lengths = {
+        str(path.relative_to(ROOT)): len(path.read_text(encoding="utf-8").splitlines()) for path in package_files()
+    }
+    assert {name: length for name, length in lengths.items() if length > MAX_LINES} == {}
+
+
+def test_strangers_bytes_are_never_executed() -> None:
+    forbidden = {"eval", "exec", "pickle.load", "pickle.loads", "yaml.load", "yaml.unsafe_load", "yaml.full_load"}
+    offences = [
+        where(path, node)
+        for path in package_files()
+        for node in nodes(path)
+        if called_name(node) in forbidden
+        or (isinstance(node, ast.keyword) and node.arg == "allow_pickle" and ast.unparse(node.value) != "False")
+        or (isinstance(node, ast.keyword) and node.arg == "shell" and ast.unparse(node.value) != "False")
+    ]
+    assert offences == []
+
+
+def test_randomness_is_an_argument() -> None:
+    """Neither NumPy's hidden global generator, nor one seeded by the clock."""
+    allowed = {"np.random.default_rng", "np.random.Generator", "np.random.SeedSequence"}
+    offences = [
+        where(path, node)
+        for path in package_files()
+        for node in nodes(path)
+        if isinstance(node, ast.Call)
+        and called_name(node).startswith(("np.random.", "random."))
+        and (called_name(node) not in allowed or not (node.args or node.keywords))
+    ]
+    assert offences == []
+
+
+def test_no_path_of_a_machine_is_left_in_the_tree() -> None:
+    folders = [f"/{name}/" for name in ("work", "tmp", "root", "home", "Users", "mnt")]
+    texts = [path for path in ROOT.iterdir() if path.is_file() and path.suffix in {".md", ".toml", ".yaml", ".yml", ""}]
+    texts += [path for folder in ("tests", "tools") for path in (ROOT / folder).rglob("*.yaml")]
+    offences = [
+        f"{path.relative_to(ROOT)}:{number}"
+        for path in python_files() + texts
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1)
+        if any(folder in line for folder in folders)
+    ]
+    assert offences == []
+
+
+def test_both_linked_folders_install_as_parts_of_the_package() -> None:
+    setuptools = project()["tool"]["setuptools"]
+    packages = {module_name(path) for path in package_files() if path.name == "__init__.py"}
+    assert set(setuptools["packages"]) == packages
+    for name in ("frontend", "backend"):
+        assert setuptools["package-dir"][f"asfm.{name}"] == name
+        assert (ROOT / "asfm" / name).resolve() == ROOT / name
+        imported = import_module(f"asfm.{name}").__file__
+        assert imported is not None
+        assert Path(imported).parent.name == name
+
+
+def test_run_time_imports_are_declared() -> None:
+    distributions = {
+        "cv2": "opencv-python-headless",
+        "skimage": "scikit-image",
+        "sklearn": "scikit-learn",
+        "yaml": "pyyaml",
+        "rerun": "rerun-sdk",
+    }
+    meta = project()["project"]
+    extras = [name for key, names in meta["optional-dependencies"].items() if key != "dev" for name in names]
+    declared = " ".join(meta["dependencies"] + extras)
+    known = set(sys.stdlib_module_names) | {"asfm"}
+    names = {name.split(".")[0] for path in package_files() for name in imported_names(path)} - known
+    assert {name for name in names if distributions.get(name, name) not in declared} == set()
