@@ -6,10 +6,15 @@ over a disc, and what a core reaches is a dilation with that disc.
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse import csgraph
+
 from asfm.config import ClustersConfig
 from asfm.errors import AsfmError
-from asfm.types import BoolArray
-from numpy.typing import NDArray
+from asfm.types import BoolArray, IntArray
+
+Disc = NDArray[np.uint8]
 
 
 def keep_clusters(detections: BoolArray, config: ClustersConfig) -> BoolArray:
@@ -28,36 +33,108 @@ def keep_clusters(detections: BoolArray, config: ClustersConfig) -> BoolArray:
     Raises:
         AsfmError: the mask is not two-dimensional.
     """
-    _check(detections)
-    disc = _disc(config.radius_px, detections.shape)
+    disc = _disc(config.radius_px, _check(detections))
     cores = _find_cores(detections, disc, config.min_pixels)
+    if not cores.any():
+        return cores
     return np.asarray(cv2.dilate(cores.view(np.uint8), disc).view(np.bool_) & detections)
 
 
-def _disc(radius_px: float, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+def label_clusters(detections: BoolArray, config: ClustersConfig) -> IntArray:
+    """Number the clusters of the detections: 0, 1, 2 ... by their first core in reading order, -1 elsewhere.
+
+    Cores within ``radius_px`` of each other share a cluster. Any other detection takes the first cluster with a core
+    within ``radius_px``; where there is none it is noise. These are the labels that scikit-learn's DBSCAN gives.
+
+    Args:
+        detections: (ranges, beams) true where detected.
+        config: radius and density.
+
+    Returns:
+        (ranges, beams) labels.
+
+    Raises:
+        AsfmError: the mask is not two-dimensional.
+    """
+    disc = _disc(config.radius_px, _check(detections))
+    cores = _find_cores(detections, disc, config.min_pixels)
+    if not cores.any():
+        return np.full(detections.shape, -1, dtype=np.int64)
+    where = np.flatnonzero(cores)
+    label = _number_by_first(_connect(cores, disc, config.radius_px).ravel()[where])
+    # A dilation takes the greatest of its neighbourhood, so let the first cluster weigh most.
+    count = int(label.max()) + 1
+    weight = np.zeros(detections.shape, dtype=np.float32)
+    weight.ravel()[where] = count - label
+    reached = cv2.dilate(weight, disc).astype(np.int64)
+    return np.where(detections & (reached > 0), count - reached, -1)
+
+
+def _disc(radius_px: float, shape: tuple[int, ...]) -> Disc:
     """(2h + 1, 2w + 1) ones at the pixels within the radius of the middle; no larger than the image calls for."""
     rows, columns = (min(int(radius_px), max(length - 1, 0)) for length in shape)
     row, column = np.mgrid[-rows : rows + 1, -columns : columns + 1]
-    return np.asarray(np.hypot(row, column) <= radius_px, dtype=np.uint8)
+    return np.asarray(row**2 + column**2 <= radius_px**2, dtype=np.uint8)
 
 
-def _find_cores(detections: BoolArray, disc: NDArray[np.uint8], min_pixels: int) -> BoolArray:
-    return np.asarray(detections & (_count_disc(detections, disc) >= min_pixels))
-
-
-def _count_disc(mask: BoolArray, disc: NDArray[np.uint8]) -> NDArray[np.int32]:
-    """Count the true pixels in the disc around each pixel: exact sums of one run of pixels a row of the disc."""
-    height, half = mask.shape[0], len(disc) // 2
-    padded = cv2.copyMakeBorder(mask.view(np.uint8), half, half, 0, 0, cv2.BORDER_CONSTANT)
+def _find_cores(detections: BoolArray, disc: Disc, min_pixels: int) -> BoolArray:
+    """Mark the detections with enough others in the disc around them, counted a run of pixels at a time."""
+    if not detections.any():
+        return np.zeros(detections.shape, dtype=bool)
+    depth, dtype = (cv2.CV_16U, np.uint16) if disc.sum() < 2**16 else (cv2.CV_32S, np.int32)
+    height, half = len(detections), len(disc) // 2
+    padded = cv2.copyMakeBorder(detections.view(np.uint8), half, half, 0, 0, cv2.BORDER_CONSTANT)
     run_widths = disc.sum(axis=1, dtype=int)
-    density = np.zeros(mask.shape, dtype=np.int32)
+    density = np.zeros(detections.shape, dtype=dtype)
     for width in np.unique(run_widths).tolist():
-        runs = cv2.boxFilter(padded, cv2.CV_32S, (width, 1), normalize=False, borderType=cv2.BORDER_CONSTANT)
+        runs = cv2.boxFilter(padded, depth, (width, 1), normalize=False, borderType=cv2.BORDER_CONSTANT)
         for row in np.flatnonzero(run_widths == width).tolist():
             density += runs[row : row + height]
-    return density
+    return np.asarray((density >= min_pixels) & detections)
 
 
-def _check(detections: BoolArray) -> None:
+def _connect(cores: BoolArray, disc: Disc, radius_px: float) -> NDArray[np.int32]:
+    """Name the sets of cores that are in reach of each other, over any number of cores. (ranges, beams)."""
+    if radius_px < 1:
+        return np.arange(cores.size, dtype=np.int32).reshape(cores.shape)
+    adjacency = 8 if radius_px**2 >= 2 else 4
+    count, names = cv2.connectedComponents(cores.view(np.uint8), connectivity=adjacency, ltype=cv2.CV_32S)
+    if radius_px < 2:
+        return np.asarray(names)
+    own, other = _pair_sets(cores, names, disc)
+    graph = sparse.coo_array((np.ones(len(own), dtype=np.int8), (own, other)), shape=(count, count))
+    return np.asarray(csgraph.connected_components(graph, directed=False)[1][names])
+
+
+def _pair_sets(cores: BoolArray, names: NDArray[np.int32], disc: Disc) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """List pairs of adjacent sets' names, repeatedly, for every two pixels of both that lie within the radius.
+
+    Where two sets are nearest to each other neither pixel is surrounded by cores, else a neighbour would be nearer:
+    only the rims of the sets need to look around, and half the disc is enough.
+    """
+    surrounded = cv2.erode(cores.view(np.uint8), np.ones((3, 3), dtype=np.uint8)).view(np.bool_)
+    rim = np.flatnonzero(cores & ~surrounded)
+    half_rows, half_columns = (length // 2 for length in disc.shape)
+    padded = np.pad(names, ((0, half_rows), (half_columns, half_columns)))
+    stride = padded.shape[1]
+    here = rim // cores.shape[1] * stride + rim % cores.shape[1] + half_columns
+    own = names.ravel()[rim]
+    pairs = [(own[:0], own[:0])]
+    for row, column in np.argwhere(disc[half_rows:]) - (0, half_columns):
+        if row > 0 or column > 1:
+            other = padded.ravel().take(here + (row * stride + column))
+            apart = (other > 0) & (other != own)
+            pairs.append((own[apart], other[apart]))
+    return np.concatenate([a for a, _ in pairs]), np.concatenate([b for _, b in pairs])
+
+
+def _number_by_first(names: NDArray[np.int32]) -> IntArray:
+    """Renumber (N,) names 0, 1, 2 ... in the order of their first appearance. (N,)."""
+    _, first, position = np.unique(names, return_index=True, return_inverse=True)
+    return np.asarray(np.argsort(np.argsort(first))[position], dtype=np.int64)
+
+
+def _check(detections: BoolArray) -> tuple[int, ...]:
     if detections.ndim != 2:
         raise AsfmError(f"clusters: expected a mask (ranges, beams), found the shape {detections.shape}")
+    return detections.shape

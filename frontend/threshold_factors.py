@@ -8,9 +8,10 @@ from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
-from asfm.types import FloatArray, IntArray
 from numpy.typing import NDArray
 from scipy.special import betainc, betaln
+
+from asfm.types import FloatArray, IntArray
 
 LARGEST_TABLE = 1 << 22
 """Entries of the largest table of factors of two halves that is kept."""
@@ -101,7 +102,7 @@ def halves_probability(factor: FloatArray, count_a: IntArray, count_b: IntArray,
     """False-alarm probability of (N,) factors of the greater (or the smaller) mean of two halves with cells. (N,).
 
     It is the sum of E[exp(-factor * mean_a); a wins] and the same for b. A gamma density times an exponential is
-    another gamma density, so the first is (1 + factor/a)^-a, as if a were alone, times the chance that a mean still wins
+    another gamma density, so the first is (1 + factor/a)^-a, as if a were alone, times the chance that it still wins
     after this tilt: an incomplete beta function.
     """
     total = count_a + count_b + factor

@@ -1,17 +1,19 @@
 """DBSCAN on the pixel grid against scikit-learn's."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from asfm.config import ClustersConfig
-from asfm.errors import AsfmError
-from asfm.frontend.clusters import keep_clusters
-from asfm.types import BoolArray, IntArray
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.cluster import DBSCAN
+
+from asfm.config import ClustersConfig
+from asfm.errors import AsfmError
+from asfm.frontend.clusters import keep_clusters, label_clusters
+from asfm.types import BoolArray, IntArray
 
 
 def dbscan(mask: BoolArray, config: ClustersConfig) -> IntArray:
@@ -27,19 +29,21 @@ def dbscan(mask: BoolArray, config: ClustersConfig) -> IntArray:
 @given(
     shape=st.tuples(st.integers(1, 40), st.integers(1, 40)),
     share=st.sampled_from([0.0, 0.02, 0.1, 0.3, 0.6, 1.0]),
-    radius_px=st.sampled_from([0.5, 1.0, 1.2, 2**0.5, 2.0, 5**0.5, 13**0.5, 3.0, 4.5, 5.0, 60.0]),
+    radius_px=st.sampled_from([0.5, 1.0, 1.2, 2**0.5, 1.9, 2.0, 5**0.5, 3.0, 13**0.5, 4.5, 5.0, 60.0]),
     min_pixels=st.integers(1, 14),
     seed=st.integers(0, 9),
 )
-def test_noise_of_random_masks_is_that_of_scikit_learn(
+def test_labels_of_random_masks_are_those_of_scikit_learn(
     shape: tuple[int, int], share: float, radius_px: float, min_pixels: int, seed: int
 ) -> None:
     mask = np.random.default_rng(seed).random(shape) < share
     config = ClustersConfig(radius_px=radius_px, min_pixels=min_pixels)
-    np.testing.assert_array_equal(keep_clusters(mask, config), dbscan(mask, config) >= 0)
+    expected = dbscan(mask, config)
+    np.testing.assert_array_equal(keep_clusters(mask, config), expected >= 0)
+    np.testing.assert_array_equal(label_clusters(mask, config), expected)
 
 
-def test_noise_of_real_frames_is_that_of_scikit_learn(shared_data: Path) -> None:
+def test_labels_of_real_frames_are_those_of_scikit_learn(shared_data: Path) -> None:
     for path in sorted((shared_data / "didson_hull" / "hull").glob("*.png")):
         image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
         assert image is not None
@@ -47,17 +51,38 @@ def test_noise_of_real_frames_is_that_of_scikit_learn(shared_data: Path) -> None
         for config in (ClustersConfig(), ClustersConfig(radius_px=2, min_pixels=7)):
             kept = keep_clusters(mask, config)
             assert 0 < kept.sum() < mask.sum()
-            np.testing.assert_array_equal(kept, dbscan(mask, config) >= 0)
+            expected = dbscan(mask, config)
+            np.testing.assert_array_equal(kept, expected >= 0)
+            np.testing.assert_array_equal(label_clusters(mask, config), expected)
 
 
 def test_input_is_left_alone_and_a_view_will_do() -> None:
     mask = np.random.default_rng(0).random((40, 60)) < 0.2
-    before = mask.copy()
-    turned = keep_clusters(mask.T, ClustersConfig())
-    np.testing.assert_array_equal(turned, keep_clusters(np.ascontiguousarray(mask.T), ClustersConfig()))
+    before, config = mask.copy(), ClustersConfig(min_pixels=6)
+    copy = np.ascontiguousarray(mask.T)
+    np.testing.assert_array_equal(keep_clusters(mask.T, config), keep_clusters(copy, config))
+    np.testing.assert_array_equal(label_clusters(mask.T, config), label_clusters(copy, config))
     np.testing.assert_array_equal(mask, before)
 
 
-def test_a_mask_of_another_rank_is_refused() -> None:
+def test_clusters_join_over_a_gap_of_the_radius_and_no_wider() -> None:
+    mask = np.zeros((9, 30), dtype=bool)
+    mask[4, 2:8] = mask[4, 10:16] = mask[4, 18:24] = True
+    labels = label_clusters(mask, ClustersConfig(radius_px=3.0, min_pixels=2))
+    assert set(labels[mask].tolist()) == {0}
+    labels = label_clusters(mask, ClustersConfig(radius_px=2.9, min_pixels=2))
+    assert [set(labels[4, part].tolist()) for part in (slice(2, 8), slice(10, 16), slice(18, 24))] == [{0}, {1}, {2}]
+
+
+@pytest.mark.parametrize("shape", [(0, 0), (0, 7), (1, 1), (50, 40)])
+@pytest.mark.parametrize("full", [False, True])
+def test_masks_that_cover_nothing_or_everything_have_an_answer(shape: tuple[int, int], full: bool) -> None:
+    mask, config = np.full(shape, full), ClustersConfig(min_pixels=1)
+    np.testing.assert_array_equal(keep_clusters(mask, config), mask)
+    np.testing.assert_array_equal(label_clusters(mask, config), mask.astype(int) - 1)
+
+
+@pytest.mark.parametrize("stage", [keep_clusters, label_clusters])
+def test_a_mask_of_another_rank_is_refused(stage: Callable[[BoolArray, ClustersConfig], object]) -> None:
     with pytest.raises(AsfmError, match="shape"):
-        keep_clusters(np.zeros(5, dtype=bool), ClustersConfig())
+        stage(np.zeros(5, dtype=bool), ClustersConfig())
