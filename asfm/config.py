@@ -25,13 +25,14 @@ class CfarConfig(Section):
     guard_px: tuple[int, int] = (4, 4)
     """Half-size (rows, columns) of the guard window around the cell under test."""
     reference_px: tuple[int, int] = (16, 12)
-    """Half-size (rows, columns) of the reference window; larger than the guard window."""
+    """Half-size (rows, columns) of the reference window; larger than the guard window in one of the two at least."""
 
     @model_validator(mode="after")
     def _check_windows(self) -> "CfarConfig":
-        if min(self.guard_px) < 0 or any(r <= g for g, r in zip(self.guard_px, self.reference_px, strict=True)):
+        windows = list(zip(self.guard_px, self.reference_px, strict=True))
+        if not all(0 <= guard <= reference for guard, reference in windows) or self.guard_px == self.reference_px:
             raise ValueError(
-                f"expected 0 <= guard_px < reference_px in rows and in columns, "
+                "expected 0 <= guard_px <= reference_px in rows and in columns, and not the same in both, "
                 f"found guard_px {list(self.guard_px)} and reference_px {list(self.reference_px)}"
             )
         return self

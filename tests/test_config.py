@@ -93,6 +93,11 @@ def test_overrides_hold_numbers_lists_booleans_and_exponents() -> None:
     assert config.seed == 7
 
 
+def test_a_window_may_lie_along_the_ranges_alone() -> None:
+    config = load_config(None, ("cfar.guard_px=[4, 0]", "cfar.reference_px=[16, 0]"))
+    assert config.cfar.reference_px == (16, 0)
+
+
 def test_override_of_an_empty_section_of_the_file(tmp_path: Path) -> None:
     assert load_config(write(tmp_path, "ssl:\n"), ("ssl.radius_px=3",)).ssl.radius_px == 3
 
@@ -125,7 +130,8 @@ def test_unknown_section_is_named_with_the_known_ones() -> None:
         ("matching.max_gap=0", ("matching.max_gap", "0")),
         ("mode=later", ("mode", "batch", "later")),
         ("cfar.guard_px=[9, -1]", ("cfar", "guard_px", "[9, -1]")),
-        ("cfar.reference_px=[4, 12]", ("cfar", "reference_px", "[4, 12]")),
+        ("cfar.reference_px=[3, 12]", ("cfar", "reference_px", "[3, 12]")),
+        ("cfar.reference_px=[4, 4]", ("cfar", "reference_px", "[4, 4]")),
     ],
 )
 def test_wrong_value_is_named_with_what_was_found(override: str, words: tuple[str, ...]) -> None:
