@@ -4,11 +4,12 @@ from pathlib import Path
 
 import pytest
 import yaml
-from asfm.config import Config, dump_config, load_config
-from asfm.errors import AsfmError
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import BaseModel
+
+from asfm.config import Config, dump_config, load_config
+from asfm.errors import AsfmError
 
 
 def write(folder: Path, text: str) -> Path:

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
 from asfm.evaluation.arcs import fits_arc
 from asfm.poses import make_pose, transform
 from asfm.sonar import SonarModel, back_project, project
 from asfm.types import BoolArray, FloatArray
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.6, 0.6), (300, 128), 0.4)
 

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
+from skimage.metrics import peak_signal_noise_ratio
+
 from asfm.errors import AsfmError
 from asfm.evaluation.denoising import average_denoising, measure_denoising, measure_psnr
 from asfm.types import FloatArray, ImageArray
-from scipy.ndimage import gaussian_filter
-from skimage.metrics import peak_signal_noise_ratio
 
 
 def images(seed: int = 0, sigma: float = 0.1) -> tuple[ImageArray, ImageArray]:

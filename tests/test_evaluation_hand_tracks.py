@@ -5,12 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
+
 from asfm.datasets import open_sequence
 from asfm.evaluation.hand_tracks import measure_hand_tracks
 from asfm.poses import invert, make_pose, transform
 from asfm.sonar import SonarModel, project
 from asfm.types import FloatArray, HandTracks, Trajectory
-from scipy.spatial.transform import Rotation
 
 SONAR = SonarModel.evenly_spaced("test", (0.3, 6.0), (-0.7, 0.7), (500, 256), 0.35)
 LEVER = make_pose(np.array([0.4, 0.1, -0.2]), Rotation.from_euler("zyx", [5, 20, -3], degrees=True))

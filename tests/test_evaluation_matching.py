@@ -5,6 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
 from asfm.datasets import open_sequence, open_truth
 from asfm.evaluation.matching import (
     MatchQuality,
@@ -18,9 +22,6 @@ from asfm.evaluation.matching import (
 from asfm.poses import interpolate, invert, make_pose, transform
 from asfm.sonar import SonarModel, back_project, project
 from asfm.types import FloatArray, IntArray, Keypoints, Matches
-from hypothesis import given
-from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 8.0), (-0.6, 0.6), (300, 128), 0.25)
 A_FROM_B = make_pose(np.array([0.3, -0.2, 0.1]), Rotation.from_euler("zyx", [4, -3, 6], degrees=True))

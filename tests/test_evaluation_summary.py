@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
+
 from asfm.datasets import open_sequence
 from asfm.errors import AsfmError
 from asfm.evaluation.summary import EvaluationTable, evaluate_sequence, evaluate_trajectory
@@ -14,7 +16,6 @@ from asfm.poses import make_pose
 from asfm.sequence import Sequence
 from asfm.sonar import SonarModel
 from asfm.types import Frame, HandTracks, Trajectory
-from scipy.spatial.transform import Rotation
 
 ATE = "ATE RMSE, SE(3)-aligned, scale off"
 FIRST_POSE_ATE = "ATE RMSE, first pose aligned, scale off"

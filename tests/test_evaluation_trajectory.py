@@ -4,6 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from evo.core import metrics
+from evo.core.trajectory import PosePath3D
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
 from asfm.datasets import open_sequence
 from asfm.errors import AsfmError
 from asfm.evaluation.trajectory import (
@@ -19,11 +25,6 @@ from asfm.evaluation.trajectory import (
 )
 from asfm.poses import make_pose
 from asfm.types import FloatArray, Trajectory
-from evo.core import metrics
-from evo.core.trajectory import PosePath3D
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from asfm.poses import interpolate, invert, make_pose, pose_from_tum, transform, tum_from_pose
-from asfm.types import FloatArray
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.spatial.transform import Rotation
+
+from asfm.poses import interpolate, invert, make_pose, pose_from_tum, transform, tum_from_pose
+from asfm.types import FloatArray
 
 coordinates = st.floats(-100, 100, allow_subnormal=False)
 seeds = st.integers(0, 2**32 - 1)

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from asfm.sonar import SonarModel, back_project, edges_from_centres, project
-from asfm.types import FloatArray
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+
+from asfm.sonar import SonarModel, back_project, edges_from_centres, project
+from asfm.types import FloatArray
 
 ranges = st.floats(0.01, 300)
 bearings = st.floats(-3.1, 3.1)
