@@ -61,13 +61,17 @@ def label_clusters(detections: BoolArray, config: ClustersConfig) -> IntArray:
     if not cores.any():
         return np.full(detections.shape, -1, dtype=np.int64)
     where = np.flatnonzero(cores)
-    label = _number_by_first(_connect(cores, disc, config.radius_px).ravel()[where])
+    label = _number_by_first(_connect(cores, disc, config.radius_px, where))
     # A dilation takes the greatest of its neighbourhood, so let the first cluster weigh most.
     count = int(label.max()) + 1
     weight = np.zeros(detections.shape, dtype=np.float32)
     weight.ravel()[where] = count - label
-    reached = cv2.dilate(weight, disc).astype(np.int64)
-    return np.where(detections & (reached > 0), count - reached, -1)
+    reached = cv2.dilate(weight, disc).ravel()
+    found = np.flatnonzero(detections)
+    found = found[reached[found] > 0]
+    labels = np.full(detections.shape, -1, dtype=np.int64)
+    labels.ravel()[found] = count - reached[found].astype(np.int64)
+    return labels
 
 
 def _disc(radius_px: float, shape: tuple[int, ...]) -> Disc:
@@ -93,17 +97,18 @@ def _find_cores(detections: BoolArray, disc: Disc, min_pixels: int) -> BoolArray
     return np.asarray((density >= min_pixels) & detections)
 
 
-def _connect(cores: BoolArray, disc: Disc, radius_px: float) -> NDArray[np.int32]:
-    """Name the sets of cores that are in reach of each other, over any number of cores. (ranges, beams)."""
+def _connect(cores: BoolArray, disc: Disc, radius_px: float, where: IntArray) -> IntArray:
+    """Name the sets of cores in reach of each other, over any number of cores: one name a core, in reading order."""
     if radius_px < 1:
-        return np.arange(cores.size, dtype=np.int32).reshape(cores.shape)
+        return np.arange(len(where))
     adjacency = 8 if radius_px**2 >= 2 else 4
     count, names = cv2.connectedComponents(cores.view(np.uint8), connectivity=adjacency, ltype=cv2.CV_32S)
+    own_names: IntArray = names.ravel()[where].astype(np.int64)
     if radius_px < 2:
-        return np.asarray(names)
+        return own_names
     own, other = _pair_sets(cores, names, disc)
     graph = sparse.coo_array((np.ones(len(own), dtype=np.int8), (own, other)), shape=(count, count))
-    return np.asarray(csgraph.connected_components(graph, directed=False)[1][names])
+    return np.asarray(csgraph.connected_components(graph, directed=False)[1][own_names])
 
 
 def _pair_sets(cores: BoolArray, names: NDArray[np.int32], disc: Disc) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
@@ -128,10 +133,13 @@ def _pair_sets(cores: BoolArray, names: NDArray[np.int32], disc: Disc) -> tuple[
     return np.concatenate([a for a, _ in pairs]), np.concatenate([b for _, b in pairs])
 
 
-def _number_by_first(names: NDArray[np.int32]) -> IntArray:
-    """Renumber (N,) names 0, 1, 2 ... in the order of their first appearance. (N,)."""
-    _, first, position = np.unique(names, return_index=True, return_inverse=True)
-    return np.asarray(np.argsort(np.argsort(first))[position], dtype=np.int64)
+def _number_by_first(names: IntArray) -> IntArray:
+    """Renumber (N,) names, 0 or more, as 0, 1, 2 ... in the order of their first appearance. (N,)."""
+    first = np.full(int(names.max()) + 1, len(names))
+    np.minimum.at(first, names, np.arange(len(names)))
+    number = np.empty(len(first), dtype=np.int64)
+    number[np.argsort(first)] = np.arange(len(first))
+    return np.asarray(number[names])
 
 
 def _check(detections: BoolArray) -> tuple[int, ...]:
