@@ -7,12 +7,13 @@ of exponential power, as the noise of a coherent sonar has, exceed it with the a
 from typing import Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
+
 from asfm.config import CfarConfig
 from asfm.errors import AsfmError
 from asfm.frontend.threshold_factors import average_factors, look_up_halves, order_factors, order_ranks
 from asfm.frontend.windows import as_counts, clip_half, count_ring_below, sum_halves, sum_ring
 from asfm.types import BoolArray, FloatArray
-from numpy.typing import NDArray
 
 Method = Literal["ca", "goca", "soca", "os"]
 Noise = Literal["rayleigh", "exponential"]

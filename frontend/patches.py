@@ -1,6 +1,7 @@
 """Squares of the image around keypoints."""
 
 import numpy as np
+
 from asfm.errors import AsfmError
 from asfm.types import FloatArray, ImageArray, IntArray
 

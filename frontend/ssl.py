@@ -5,10 +5,11 @@ vectors (mean of each column, mean of each row, mean of the square). Both lie in
 """
 
 import numpy as np
+from numpy.typing import NDArray
+
 from asfm.config import SslConfig
 from asfm.errors import AsfmError
 from asfm.types import FloatArray
-from numpy.typing import NDArray
 
 WINDOW_PX = 7
 """Width of the windows whose similarities are averaged (less where the square is smaller)."""

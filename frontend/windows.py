@@ -8,8 +8,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from asfm.types import BoolArray
 from numpy.typing import NDArray
+
+from asfm.types import BoolArray
 
 HalfSize = tuple[int, int]
 

@@ -7,13 +7,14 @@ from typing import get_args
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from asfm.config import CfarConfig
 from asfm.errors import AsfmError
 from asfm.frontend.cfar import Method, detect_cfar
 from asfm.frontend.threshold_factors import halves_factors, order_factors, order_ranks
 from asfm.types import BoolArray, ImageArray
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 
 def windows(probability: float, guard_px: tuple[int, int], reference_px: tuple[int, int]) -> CfarConfig:

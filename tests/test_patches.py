@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from asfm.errors import AsfmError
-from asfm.frontend.patches import cut_patches
 from hypothesis import given
 from hypothesis import strategies as st
+
+from asfm.errors import AsfmError
+from asfm.frontend.patches import cut_patches
 
 
 @given(

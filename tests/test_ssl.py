@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from skimage.metrics import structural_similarity
+
 from asfm.config import SslConfig
 from asfm.errors import AsfmError
 from asfm.frontend.ssl import Patches, spatial_term, stretch_patches, structural_spatial_loss, structural_term
-from skimage.metrics import structural_similarity
 
 
 @pytest.fixture(params=[3, 7, 10])

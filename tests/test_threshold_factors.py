@@ -2,6 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
+from scipy.stats import gamma
+
 from asfm.frontend.threshold_factors import (
     average_factors,
     halves_factors,
@@ -9,8 +12,6 @@ from asfm.frontend.threshold_factors import (
     order_factors,
     order_ranks,
 )
-from scipy.integrate import quad
-from scipy.stats import gamma
 
 PROBABILITIES = [0.9, 1e-1, 1e-3, 1e-6]
 
