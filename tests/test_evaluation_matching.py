@@ -114,6 +114,13 @@ def test_keypoint_on_noise_is_never_right() -> None:
     assert (quality.right, quality.possible, quality.precision, quality.recall) == (0, 0, 0.0, None)
 
 
+def test_unknown_truth_is_not_taken_for_the_origin() -> None:
+    a, _, elevation_rad = scene(1)
+    at_the_sonar = keypoints_at(np.array([0.05]), np.array([0.0]))
+    quality = evaluate(a, at_the_sonar, matches_of([(0, 0)]), np.full_like(elevation_rad, np.nan))
+    assert (quality.right, quality.possible) == (0, 0)
+
+
 def test_one_keypoint_matched_twice_is_found_once() -> None:
     a, b, elevation_rad = scene(1)
     twice = keypoints_at(np.repeat(b.range_m, 2), np.repeat(b.bearing_rad, 2))
