@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+
 from asfm.errors import AsfmError
 from asfm.poses import invert, make_pose, transform
 from asfm.simulation.echo import average_elevation
@@ -27,7 +28,7 @@ def _ball(centre_m: FloatArray, radius_m: float, subdivisions: int = 4) -> Scene
 def _render(scene: Scene, pose: FloatArray, sonar: ImagingSonar = SONAR) -> tuple[Renderer, ImageArray, FloatArray]:
     renderer = make_renderer(scene, sonar.model_copy(update={"gain": 1.0}), pose[None])
     echoes = renderer.trace(pose)
-    return renderer, renderer.amplitude(echoes), average_elevation(echoes, renderer.model.shape)
+    return renderer, np.sqrt(renderer.measure_power(echoes)[0]), average_elevation(echoes, renderer.model.shape)
 
 
 @pytest.mark.parametrize("case", range(12))

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy import stats
+from scipy.spatial.transform import Rotation
+
 from asfm.poses import invert, make_pose
 from asfm.simulation.navigation import simulate_navigation, simulate_odometry
 from asfm.types import SensorNoise, Trajectory
-from scipy import stats
-from scipy.spatial.transform import Rotation
 
 NOISE = SensorNoise(0.02, 0.005, 0.01, 0.004, 0.003)
 

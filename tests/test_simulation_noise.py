@@ -2,15 +2,17 @@
 
 import numpy as np
 import pytest
-from asfm.simulation.receiver import add_noise, make_point_spread, spread_power
-from asfm.simulation.sensor import ImagingSonar, make_sonar_model
 from scipy import stats
+
+from asfm.simulation.receiver import add_noise, leak_beams, make_point_spread, spread_beams, spread_ranges
+from asfm.simulation.sensor import ImagingSonar, make_sonar_model
+from asfm.types import ImageArray
 
 SONAR = ImagingSonar(range_bins=300, azimuth_bins=128, azimuth=60)
 MODEL = make_sonar_model(SONAR)
 
 
-def _noisy(level: float, **changes: object) -> np.ndarray:
+def _noisy(level: float, **changes: object) -> ImageArray:
     sonar = SONAR.model_copy(update=changes)
     clean = np.full(MODEL.shape, level, dtype=np.float32)
     return add_noise(clean, sonar, MODEL, np.random.default_rng(3))
@@ -44,16 +46,31 @@ def test_background_grows_with_range_as_asked() -> None:
     assert np.polyfit(expected, by_row, 1)[0] == pytest.approx(1.0, abs=0.05)
 
 
-def test_point_spread_keeps_the_power_and_makes_side_lobes() -> None:
-    sonar = SONAR.model_copy(update={"beam_width_deg": 1.0, "pulse_length_m": 0.1, "side_lobe_db": -30.0})
-    power = np.zeros(MODEL.shape, dtype=np.float32)
-    power[150, 64] = 1.0
-    smeared = spread_power(power, make_point_spread(sonar, MODEL))
+def test_point_spread_keeps_the_power_and_has_the_widths_asked_for() -> None:
+    sonar = SONAR.model_copy(update={"beam_width_deg": 1.0, "pulse_length_m": 0.1})
+    spread = make_point_spread(sonar, MODEL)
+    smeared = spread_beams(spread_ranges(_point(), spread), spread)
     assert smeared.sum() == pytest.approx(1.0, rel=1e-3)
     assert smeared.argmax() == 150 * 128 + 64
-    ring = smeared[150] / smeared[150, 64]
     width_beams = 1.0 / np.rad2deg(MODEL.bearing_step_rad)
-    assert (ring >= 0.5).sum() == pytest.approx(width_beams, abs=1.5)
+    assert (smeared[150] >= 0.5 * smeared.max()).sum() == pytest.approx(width_beams, abs=1.5)
     assert (smeared[:, 64] >= 0.5 * smeared.max()).sum() == pytest.approx(0.1 / MODEL.range_step_m, abs=1.5)
-    lobe_db = 10 * np.log10(ring[64 + 4 : 64 + 8].max())
-    assert -36 < lobe_db < -28
+
+
+@pytest.mark.parametrize("level_db", [-26.0, -40.0])
+def test_strong_echo_leaves_a_ring_at_its_range(level_db: float) -> None:
+    sonar = SONAR.model_copy(update={"side_lobe_db": level_db, "cross_talk_db": -60.0})
+    spread = make_point_spread(sonar, MODEL)
+    pulsed = spread_ranges(_point(), spread)
+    peak, ring_db = spread_beams(pulsed, spread)[150, 64], 10 * np.log10(leak_beams(pulsed, spread)[150])
+    ring_db -= 10 * np.log10(peak)
+    assert ring_db[66] == pytest.approx(level_db, abs=1.5)
+    assert ring_db[64 + 16] - ring_db[64 + 32] == pytest.approx(6, abs=2)
+    assert ring_db.min() > level_db - 40
+    assert leak_beams(pulsed, spread)[100].max() == 0
+
+
+def _point() -> ImageArray:
+    power = np.zeros(MODEL.shape, dtype=np.float32)
+    power[150, 64] = 1.0
+    return power

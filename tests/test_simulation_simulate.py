@@ -4,6 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+
 from asfm.errors import AsfmError
 from asfm.simulation.simulate import SimulatedSequence, simulate
 

@@ -16,7 +16,28 @@ from asfm.sonar import SonarModel
 from asfm.types import FloatArray, ImageArray, IntArray
 
 MAX_PARTS = 12
+"""Rows over which the footprint of one ray may spread at most."""
+STEEPEST = np.float32(1e-3)
+"""Cosine of incidence below which a face counts as seen edge-on."""
 SAME_SURFACE_RAD = np.deg2rad(1.0)
+
+
+@dataclass(frozen=True)
+class EchoStrength:
+    """What the strength of an echo depends on besides the hit itself."""
+
+    reflectivity: ImageArray
+    """(F + 1,) of every face, and at the end the 0 of a ray that struck none (face -1)."""
+    ray_gain: ImageArray
+    """(N,) beam pattern and share of a pixel's solid angle of each ray."""
+    specular_strength: np.float32
+    specular_exponent: np.float32
+    middle_m: np.float32
+    """Mid-range, at which a solid angle of 1 sr is given the weight of 1 m."""
+    excess_gain_exponent: np.float32
+    """What the time-varying gain does beyond undoing the spreading, in powers of range."""
+    absorption_bel_per_m: np.float32
+    """Two-way, not undone by the gain; negative."""
 
 
 @dataclass(frozen=True)
@@ -33,20 +54,35 @@ class Echoes:
     """(E,)"""
 
 
-def trace_echoes(hits: Hits, fan: RayFan, scene: Scene, sonar: ImagingSonar, model: SonarModel) -> Echoes:
-    """Turn hits into echoes; those out of range stay, with rows outside the image."""
-    ray = hits.ray
-    toward = np.einsum("ij,ij->i", hits.normal, fan.direction[ray])
+def trace_echoes(hits: Hits, fan: RayFan, strength: EchoStrength, model: SonarModel) -> Echoes:
+    """Turn hits into echoes; what was not struck stays, without power, beyond the last row."""
+    toward = np.einsum("ij,ij->j", hits.normal, fan.direction)
     facing = np.abs(toward)
-    power = facing + sonar.specular_strength * facing**sonar.specular_exponent
-    power *= scene.reflectivity.astype(np.float32)[hits.face]
-    power *= _ray_gain(fan, sonar, model)[ray]
-    power *= _range_gain(hits.range_m, sonar)
+    power = facing + strength.specular_strength * facing**strength.specular_exponent
+    power *= strength.reflectivity.take(hits.face, mode="wrap")
+    power *= strength.ray_gain
+    power *= _range_gain(hits.range_m, strength)
     # On the tangent plane n.p = const, so that dr/d(elevation) = -r (n.upward) / (n.direction).
-    slope = np.einsum("ij,ij->i", hits.normal, fan.upward[ray]) / np.where(facing > 1e-3, toward, 1e-3)
-    extent = slope * hits.range_m * np.float32(-fan.elevation_step_rad / model.range_step_m)
-    row = (hits.range_m - np.float32(model.range_edges_m[0])) / np.float32(model.range_step_m)
-    return _split(Echoes(row, fan.column[ray], power, fan.elevation_rad[ray]), extent, fan.elevation_step_rad)
+    toward[facing < STEEPEST] = STEEPEST
+    extent = np.einsum("ij,ij->j", hits.normal, fan.upward)
+    extent *= hits.range_m
+    extent /= toward
+    extent *= np.float32(-fan.elevation_step_rad / model.range_step_m)
+    row = (hits.range_m - np.float32(model.range_edges_m[0])) * np.float32(1 / model.range_step_m)
+    return _split(Echoes(row, fan.column, power, fan.elevation_rad), extent, fan.elevation_step_rad)
+
+
+def weigh_echoes(scene: Scene, fan: RayFan, sonar: ImagingSonar, model: SonarModel) -> EchoStrength:
+    """Work out once what the strength of echoes depends on besides the hit."""
+    return EchoStrength(
+        np.append(scene.reflectivity, 0.0).astype(np.float32),
+        _ray_gain(fan, sonar, model),
+        np.float32(sonar.specular_strength),
+        np.float32(sonar.specular_exponent),
+        np.float32(0.5 * (sonar.range_min + sonar.range_max)),
+        np.float32(sonar.tvg_exponent - 4.0),
+        np.float32(-0.2 * sonar.absorption_db_per_m),
+    )
 
 
 def _ray_gain(fan: RayFan, sonar: ImagingSonar, model: SonarModel) -> ImageArray:
@@ -58,31 +94,34 @@ def _ray_gain(fan: RayFan, sonar: ImagingSonar, model: SonarModel) -> ImageArray
     return np.asarray(10 ** (pattern_db / 10) * fan.solid_angle_sr / pixel, dtype=np.float32)
 
 
-def _range_gain(range_m: ImageArray, sonar: ImagingSonar) -> ImageArray:
+def _range_gain(range_m: ImageArray, strength: EchoStrength) -> ImageArray:
     """Spreading, absorption and time-varying gain, over the area that a solid angle covers; 1 m at mid-range."""
-    middle_m = 0.5 * (sonar.range_min + sonar.range_max)
-    gain = range_m * range_m * np.float32(1 / middle_m)
-    if sonar.tvg_exponent != 4.0:
-        gain *= (range_m * np.float32(1 / middle_m)) ** np.float32(sonar.tvg_exponent - 4)
-    if sonar.absorption_db_per_m:
-        gain *= np.float32(10.0) ** (range_m * np.float32(-0.2 * sonar.absorption_db_per_m))
+    gain = range_m * range_m * (1 / strength.middle_m)
+    if strength.excess_gain_exponent:
+        gain *= (range_m * (1 / strength.middle_m)) ** strength.excess_gain_exponent
+    if strength.absorption_bel_per_m:
+        gain *= np.float32(10.0) ** (range_m * strength.absorption_bel_per_m)
     return gain
 
 
 def _split(echoes: Echoes, extent: ImageArray, step_rad: float) -> Echoes:
     """Split echoes of faces so oblique that one ray's footprint covers several rows."""
-    parts = np.clip(np.ceil(np.abs(extent)), 1, MAX_PARTS).astype(np.int64)
-    if not len(parts) or parts.max() == 1:
+    extent = np.clip(extent, -MAX_PARTS, MAX_PARTS)
+    wide = np.flatnonzero(np.abs(extent) > 1)
+    if not len(wide):
         return echoes
-    index = np.repeat(np.arange(len(parts)), parts)
-    first = np.cumsum(parts) - parts
-    count = parts[index].astype(np.float32)
-    place = (np.arange(len(index)) - first[index] + np.float32(0.5)) / count - np.float32(0.5)
+    parts = np.ceil(np.abs(extent[wide])).astype(np.int64)
+    index = np.repeat(wide, parts)
+    count = np.repeat(parts, parts).astype(np.float32)
+    part = np.arange(len(index)) - np.repeat(np.cumsum(parts) - parts, parts)
+    place = (part + np.float32(0.5)) / count - np.float32(0.5)
+    power = echoes.power.copy()
+    power[wide] = 0  # the whole gives way to its parts
     return Echoes(
-        echoes.row[index] + place * np.clip(extent, -MAX_PARTS, MAX_PARTS)[index],
-        echoes.column[index],
-        echoes.power[index] / count,
-        echoes.elevation_rad[index] + place * np.float32(step_rad),
+        np.concatenate([echoes.row, echoes.row[index] + place * extent[index]]),
+        np.concatenate([echoes.column, echoes.column[index]]),
+        np.concatenate([power, echoes.power[index] / count]),
+        np.concatenate([echoes.elevation_rad, echoes.elevation_rad[index] + place * np.float32(step_rad)]),
     )
 
 
@@ -91,12 +130,12 @@ def accumulate_power(echoes: Echoes, shape: tuple[int, int]) -> ImageArray:
     rows, columns = shape
     position = np.clip(echoes.row + np.float32(0.5), 0, rows + 1)
     upper = position.astype(np.int64)
-    share = position - upper
+    share = (position - upper) * echoes.power
     # One row of padding on either side takes what lies outside; a second below for the clipped end.
     flat = upper * columns + echoes.column
     size = (rows + 3) * columns
-    total = np.bincount(flat, echoes.power * (1 - share), size)
-    total += np.bincount(flat + columns, echoes.power * share, size)
+    total = np.bincount(flat, echoes.power - share, size)
+    total += np.bincount(flat + columns, share, size)
     return total.reshape(-1, columns)[1 : rows + 1].astype(np.float32)
 
 

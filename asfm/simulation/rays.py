@@ -16,12 +16,12 @@ GOLDEN = 0.6180339887498949
 
 @dataclass(frozen=True)
 class RayFan:
-    """The rays of one ping in the sonar frame, beam after beam; they do not change with the pose."""
+    """The N rays of one ping in the sonar frame, beam after beam; they do not change with the pose."""
 
     direction: ImageArray
-    """(N, 3) unit vectors."""
+    """(3, N) unit vectors."""
     upward: ImageArray
-    """(N, 3) unit vectors in which the elevation grows: d direction / d elevation."""
+    """(3, N) unit vectors in which the elevation grows: d direction / d elevation."""
     column: IntArray
     """(N,) beam that hears the ray."""
     elevation_rad: ImageArray
@@ -34,16 +34,14 @@ class RayFan:
 
 @dataclass(frozen=True)
 class Hits:
-    """What the rays that struck something found; H of N."""
+    """What each of N rays struck first."""
 
-    ray: IntArray
-    """(H,) index in the fan."""
     range_m: ImageArray
-    """(H,)"""
+    """(N,), the farthest range where nothing was struck."""
     normal: ImageArray
-    """(H, 3) unit normals in the sonar frame, outward by the winding of the face."""
-    face: IntArray
-    """(H,) index of the face."""
+    """(3, N) unit normals in the sonar frame, outward by the winding of the face; zero where nothing was struck."""
+    face: NDArray[np.int32]
+    """(N,) index of the face, -1 where nothing was struck."""
 
 
 def make_ray_fan(sonar: SonarModel, rays_per_beam: int) -> RayFan:
@@ -63,8 +61,8 @@ def make_ray_fan(sonar: SonarModel, rays_per_beam: int) -> RayFan:
     elevation = along - sonar.elevation_aperture_rad / 2
     sin_b, cos_b, sin_e, cos_e = np.sin(bearing), np.cos(bearing), np.sin(elevation), np.cos(elevation)
     return RayFan(
-        direction=_rows(cos_e * cos_b, cos_e * sin_b, sin_e),
-        upward=_rows(-sin_e * cos_b, -sin_e * sin_b, cos_e),
+        direction=_vectors(cos_e * cos_b, cos_e * sin_b, sin_e),
+        upward=_vectors(-sin_e * cos_b, -sin_e * sin_b, cos_e),
         column=np.repeat(np.arange(beams), rays_per_beam),
         elevation_rad=elevation.ravel().astype(np.float32),
         solid_angle_sr=(cos_e * step_rad * np.diff(edges)[:, None]).ravel().astype(np.float32),
@@ -72,8 +70,18 @@ def make_ray_fan(sonar: SonarModel, rays_per_beam: int) -> RayFan:
     )
 
 
-def _rows(x: FloatArray, y: FloatArray, z: FloatArray) -> ImageArray:
-    return np.ascontiguousarray(np.stack([x.ravel(), y.ravel(), z.ravel()], axis=-1), dtype=np.float32)
+def _vectors(x: FloatArray, y: FloatArray, z: FloatArray) -> ImageArray:
+    return np.stack([x.ravel(), y.ravel(), z.ravel()]).astype(np.float32)
+
+
+def turn(rotation: ImageArray, vectors: ImageArray) -> ImageArray:
+    """Rotate (3, N) vectors by a (3, 3) matrix, without the threads that a matrix product would wake for it."""
+    turned = np.empty_like(vectors)
+    for axis, (x, y, z) in enumerate(rotation):
+        np.multiply(vectors[0], x, out=turned[axis])
+        turned[axis] += y * vectors[1]
+        turned[axis] += z * vectors[2]
+    return turned
 
 
 class RayCaster:
@@ -96,24 +104,28 @@ class RayCaster:
         triangles = (scene.vertices_m - self._centre_m)[scene.faces].astype(np.float32)
         self._mesh: Any = TriangleMesh(self._scene, triangles)
 
-    def cast(self, world_from_sonar: FloatArray, direction: ImageArray) -> Hits:
-        """Find the first surface along each ray.
+    def cast(self, world_from_sonar: FloatArray, direction: ImageArray, farthest_m: float) -> Hits:
+        """Find the first surface along each ray from the sonar.
 
         Args:
             world_from_sonar: (4, 4).
-            direction: (N, 3) unit vectors of the sonar frame.
+            direction: (3, N) unit vectors of the sonar frame.
+            farthest_m: how far to look.
         """
         rotation = world_from_sonar[:3, :3].astype(np.float32)
-        origin = (world_from_sonar[:3, 3] - self._centre_m).astype(np.float32)
-        found = self.shoot(origin, direction @ rotation.T)
-        ray = np.flatnonzero(found["primID"] >= 0)
-        normal = found["Ng"][ray] @ rotation
-        normal /= np.sqrt(np.einsum("ij,ij->i", normal, normal))[:, None]
-        return Hits(ray, found["tfar"][ray], normal, found["primID"][ray])
+        origin = np.tile((world_from_sonar[:3, 3] - self._centre_m).astype(np.float32), (direction.shape[1], 1))
+        found = self.shoot(origin, np.ascontiguousarray(turn(rotation, direction).T), farthest_m)
+        return self.read_hits(found, rotation)
 
-    def shoot(self, origin: ImageArray, direction: ImageArray) -> dict[str, NDArray[Any]]:
-        """Run Embree alone: (3,) origin and (N, 3) directions, both relative to the scene's middle."""
-        found: dict[str, NDArray[Any]] = self._scene.run(
-            np.broadcast_to(origin, direction.shape), direction, output=True, query="INTERSECT"
-        )
+    def shoot(self, origin: ImageArray, direction: ImageArray, farthest_m: float) -> dict[str, NDArray[Any]]:
+        """Run Embree and nothing else: (N, 3) origins and directions, relative to the scene's middle."""
+        limit = np.full(len(direction), farthest_m, dtype=np.float32)
+        found: dict[str, NDArray[Any]] = self._scene.run(origin, direction, limit, output=True, query="INTERSECT")
         return found
+
+    @staticmethod
+    def read_hits(found: dict[str, NDArray[Any]], rotation: ImageArray) -> Hits:
+        """Turn Embree's answer into hits, with normals in the frame that (3, 3) ``rotation`` maps to the world's."""
+        normal = turn(rotation.T, np.ascontiguousarray(found["Ng"].T))
+        normal /= np.sqrt(np.einsum("ij,ij->j", normal, normal) + np.float32(1e-30))
+        return Hits(found["tfar"], normal, found["primID"])

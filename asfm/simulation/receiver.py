@@ -17,8 +17,12 @@ class PointSpread:
 
     pulse: ImageArray
     """(2 k + 1,) weights over the rows, of sum 1."""
-    beams: ImageArray
-    """(beams, beams) power that an echo in one beam (row) leaves in every beam (column); rows of sum 1."""
+    lobe: ImageArray
+    """(2 m + 1, beams) share that an echo in each beam leaves in the beams m before to m after it; columns of sum 1."""
+    side_lobes: tuple[tuple[int, float], ...]
+    """(half-width in beams, power a beam) of the boxes whose sum is the envelope of the side lobes."""
+    cross_talk: float
+    """Power that every beam takes from the mean over all beams at the same range."""
 
 
 def make_point_spread(sonar: ImagingSonar, model: SonarModel) -> PointSpread:
@@ -26,31 +30,67 @@ def make_point_spread(sonar: ImagingSonar, model: SonarModel) -> PointSpread:
     sigma_rows = (sonar.pulse_length_m or 1.5 * model.range_step_m) / model.range_step_m / FWHM_PER_SIGMA
     reach = max(1, int(np.ceil(3 * sigma_rows)))
     pulse = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma_rows) ** 2)
-    return PointSpread((pulse / pulse.sum()).astype(np.float32), _beam_matrix(sonar, model).astype(np.float32))
-
-
-def _beam_matrix(sonar: ImagingSonar, model: SonarModel) -> FloatArray:
-    """Gaussian main lobe, side lobes that fall by 6 dB an octave below it, a floor of cross-talk."""
     width = np.deg2rad(sonar.beam_width_deg) if sonar.beam_width_deg else model.bearing_step_rad
-    away = np.abs(np.sin(model.bearing_rad[:, None]) - np.sin(model.bearing_rad))
-    width_s = width * np.cos(model.bearing_rad)[:, None]  # a line array resolves sines of bearing
-    lobes = np.exp(-4 * np.log(2) * (away / width_s) ** 2)
-    first_lobe = 1.5 * width_s
-    envelope = 10 ** (sonar.side_lobe_db / 10) * (first_lobe / np.maximum(away, first_lobe)) ** 2
-    matrix = np.maximum(lobes, np.where(away > 0.5 * width_s, envelope, 0))
-    matrix += 10 ** (sonar.cross_talk_db / 10)
-    return np.asarray(matrix / matrix.sum(axis=1, keepdims=True))
+    return PointSpread(
+        (pulse / pulse.sum()).astype(np.float32),
+        _main_lobe(model.bearing_rad, width).astype(np.float32),
+        _side_lobes(sonar.side_lobe_db, width / model.bearing_step_rad, len(model.bearing_rad)),
+        10 ** (sonar.cross_talk_db / 10),
+    )
 
 
-def spread_power(power: ImageArray, spread: PointSpread) -> ImageArray:
-    """Smear a (ranges, beams) image of power along ranges and beams."""
-    reach = len(spread.pulse) // 2
-    padded = np.pad(power @ spread.beams, ((reach, reach), (0, 0)))
-    rows = len(power)
+def _main_lobe(bearing_rad: FloatArray, width_rad: float) -> FloatArray:
+    """Gaussian in the sine of the bearing, which is what a line array resolves."""
+    sine = np.sin(bearing_rad)
+    reach = max(1, int(np.ceil(1.3 * width_rad / np.diff(sine).min())))
+    near = np.pad(sine, reach, constant_values=np.inf)
+    away = np.stack([near[shift : shift + len(sine)] for shift in range(2 * reach + 1)]) - sine
+    lobe = np.exp(-4 * np.log(2) * (away / width_rad) ** 2)
+    return np.asarray(lobe / lobe.sum(axis=0))
+
+
+def _side_lobes(level_db: float, width_beams: float, beams: int) -> tuple[tuple[int, float], ...]:
+    """Stack boxes, an octave apart, into an envelope that falls by 6 dB an octave from the first side lobe on."""
+    level = 10 ** (level_db / 10) / max(1.06 * width_beams, 1.0)  # relative to the peak of a lobe of sum 1
+    half, boxes = max(2, round(2 * width_beams)), []
+    while half < beams:
+        boxes.append((half, float(0.75 * level)))
+        half, level = 2 * half, level / 4
+    return tuple(boxes)
+
+
+def spread_ranges(power: ImageArray, spread: PointSpread) -> ImageArray:
+    """Smear a (ranges, beams) image of power along ranges by the pulse."""
+    reach, rows = len(spread.pulse) // 2, len(power)
+    padded = np.pad(power, ((reach, reach), (0, 0)))
     smeared: ImageArray = spread.pulse[0] * padded[:rows]
     for tap, weight in enumerate(spread.pulse[1:], start=1):
         smeared += weight * padded[tap : tap + rows]
     return smeared
+
+
+def spread_beams(power: ImageArray, spread: PointSpread) -> ImageArray:
+    """Smear a (ranges, beams) image of power along beams by the main lobe."""
+    reach, columns = len(spread.lobe) // 2, power.shape[1]
+    smeared = np.zeros((len(power), columns + 2 * reach), dtype=np.float32)
+    for shift, weight in enumerate(spread.lobe):
+        smeared[:, shift : shift + columns] += weight * power
+    return smeared[:, reach : reach + columns]
+
+
+def leak_beams(power: ImageArray, spread: PointSpread) -> ImageArray:
+    """Give what a (ranges, beams) image of power leaks into other beams: side lobes and cross-talk."""
+    rows, columns = power.shape
+    reach = max((half for half, _ in spread.side_lobes), default=0)
+    total = np.zeros((rows, columns + 2 * reach + 1), dtype=np.float32)
+    np.cumsum(power, axis=1, out=total[:, reach + 1 : reach + 1 + columns])
+    total[:, reach + 1 + columns :] = total[:, reach + columns, None]
+    leaked = np.repeat(total[:, -1:] * np.float32(spread.cross_talk / columns), columns, axis=1)
+    for half, level in spread.side_lobes:
+        box = total[:, reach + half + 1 : reach + half + 1 + columns] - total[:, reach - half : reach - half + columns]
+        box *= np.float32(level)
+        leaked += box
+    return leaked
 
 
 def add_noise(clean: ImageArray, sonar: ImagingSonar, model: SonarModel, rng: np.random.Generator) -> ImageArray:

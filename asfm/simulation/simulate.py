@@ -7,12 +7,12 @@ import numpy as np
 
 from asfm.errors import AsfmError
 from asfm.sequence import Sequence
-from asfm.simulation.echo import Echoes, accumulate_power, average_elevation, trace_echoes
+from asfm.simulation.echo import Echoes, EchoStrength, accumulate_power, average_elevation, trace_echoes, weigh_echoes
 from asfm.simulation.motions import find_motion
 from asfm.simulation.navigation import simulate_navigation, simulate_odometry
 from asfm.simulation.presets import find_preset
 from asfm.simulation.rays import RayCaster, RayFan, make_ray_fan
-from asfm.simulation.receiver import PointSpread, add_noise, make_point_spread, spread_power
+from asfm.simulation.receiver import PointSpread, add_noise, leak_beams, make_point_spread, spread_beams, spread_ranges
 from asfm.simulation.scene import Scene
 from asfm.simulation.scenes import find_scene
 from asfm.simulation.sensor import ImagingSonar, make_sonar_model
@@ -35,21 +35,34 @@ class Renderer:
     sonar: ImagingSonar
     model: SonarModel
     fan: RayFan
+    strength: EchoStrength
     spread: PointSpread
     gain: float = 1.0
 
     def trace(self, world_from_sonar: FloatArray) -> Echoes:
         """Find all echoes of one ping."""
-        hits = self.caster.cast(world_from_sonar, self.fan.direction)
-        return trace_echoes(hits, self.fan, self.scene, self.sonar, self.model)
+        hits = self.caster.cast(world_from_sonar, self.fan.direction, self.sonar.range_max)
+        return trace_echoes(hits, self.fan, self.strength, self.model)
 
-    def amplitude(self, echoes: Echoes) -> ImageArray:
-        """Give the (ranges, beams) root of the echo density, as the receiver smears it."""
-        return np.sqrt(spread_power(accumulate_power(echoes, self.model.shape), self.spread))
+    def measure_power(self, echoes: Echoes) -> tuple[ImageArray, ImageArray]:
+        """Give the (ranges, beams) echo density as the main lobes hear it, and what leaks into the beams besides."""
+        pulsed = spread_ranges(accumulate_power(echoes, self.model.shape), self.spread)
+        return spread_beams(pulsed, self.spread), leak_beams(pulsed, self.spread)
 
-    def render(self, echoes: Echoes) -> ImageArray:
-        """Give the (ranges, beams) image without noise in 0..1; the receiver limits strong echoes softly."""
-        return np.asarray(-np.expm1(self.amplitude(echoes) * np.float32(-self.gain)))
+    def display(self, power: ImageArray) -> ImageArray:
+        """Turn echo density into image values in 0..1: amplitudes, the strong ones softly limited."""
+        return np.asarray(-np.expm1(np.sqrt(power) * np.float32(-self.gain)))
+
+    def render(self, world_from_sonar: FloatArray, rng: np.random.Generator) -> ImageArray:
+        """Give the (ranges, beams) image that the sonar records."""
+        heard, leaked = self.measure_power(self.trace(world_from_sonar))
+        return add_noise(self.display(heard + leaked), self.sonar, self.model, rng)
+
+    def render_truth(self, world_from_sonar: FloatArray) -> FrameTruth:
+        """Give the elevation of every pixel and the image without noise, side lobes and cross-talk."""
+        echoes = self.trace(world_from_sonar)
+        clean = self.display(self.measure_power(echoes)[0])
+        return FrameTruth(average_elevation(echoes, self.model.shape), clean)
 
 
 @dataclass(frozen=True)
@@ -96,13 +109,8 @@ def simulate_path(scene: Scene, sonar: ImagingSonar, path: Trajectory, seed: int
     poses = path.world_from_vehicle
 
     def read_frame(index: int) -> Frame:
-        clean = renderer.render(renderer.trace(poses[index]))
-        image = add_noise(clean, sonar, renderer.model, _generator(seed, _FRAMES, index))
+        image = renderer.render(poses[index], _generator(seed, _FRAMES, index))
         return Frame(index, float(path.timestamps_s[index]), image, np.zeros(image.shape, dtype=bool))
-
-    def read_truth(index: int) -> FrameTruth:
-        echoes = renderer.trace(poses[index])
-        return FrameTruth(average_elevation(echoes, renderer.model.shape), renderer.render(echoes))
 
     sequence = Sequence(
         scene.name,
@@ -115,18 +123,19 @@ def simulate_path(scene: Scene, sonar: ImagingSonar, path: Trajectory, seed: int
         noise=SENSOR_NOISE,
         kind="simulated",
     )
-    return SimulatedSequence(sequence, scene, renderer, read_truth)
+    return SimulatedSequence(sequence, scene, renderer, lambda index: renderer.render_truth(poses[index]))
 
 
 def make_renderer(scene: Scene, sonar: ImagingSonar, poses: FloatArray) -> Renderer:
     """Prepare to render, with the gain set, where the sonar leaves it open, from three of the (N, 4, 4) poses."""
     model = make_sonar_model(sonar)
     fan = make_ray_fan(model, sonar.elevation_bins)
-    renderer = Renderer(scene, RayCaster(scene), sonar, model, fan, make_point_spread(sonar, model), sonar.gain or 1.0)
+    strength, spread = weigh_echoes(scene, fan, sonar, model), make_point_spread(sonar, model)
+    renderer = Renderer(scene, RayCaster(scene), sonar, model, fan, strength, spread, sonar.gain or 1.0)
     if sonar.gain is not None:
         return renderer
     sample = poses[np.unique(np.linspace(0, len(poses) - 1, 3).round().astype(int))]
-    echo = np.concatenate([renderer.amplitude(renderer.trace(pose)).ravel() for pose in sample])
+    echo = np.concatenate([np.sqrt(renderer.measure_power(renderer.trace(pose))[0]).ravel() for pose in sample])
     echo = echo[echo > 0.02 * max(echo.max(), 1e-12)]
     if not len(echo):
         return renderer
