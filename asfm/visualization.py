@@ -1,8 +1,7 @@
 """The recording of a run for the Rerun viewer: the only file that knows Rerun, and it loads it only when needed.
 
 The image side shows what the front-end did frame by frame, on the fan and on the polar image; the 3-D side shows what
-the back-end made of it. The pipeline talks to a :class:`Recorder` and never asks whether anybody looks.
-Radii below zero are Rerun's way to say "this many points on the screen, however far away".
+the back-end made of it. Radii below zero are Rerun's way to say "this many points on the screen, however far away".
 """
 
 import subprocess
@@ -10,52 +9,39 @@ import sys
 from collections.abc import Callable
 from datetime import timedelta
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from asfm.drawing import (
+    SHEET_SHAPE,
+    anchor_trajectory,
+    choose_hues,
+    choose_view,
+    colour_heights,
+    outline_frustum,
+    pair_steps,
+    shrink_picture,
+    summarise_run,
+    tessellate_sheet,
+    tint_mask,
+)
 from asfm.errors import AsfmError
 from asfm.fan import FanGrid
-from asfm.poses import interpolate, invert
 from asfm.sequence import Sequence
-from asfm.sonar import SonarModel, back_project
+from asfm.sonar import SonarModel
 from asfm.types import BoolArray, FloatArray, Frame, Keypoints, Landmarks, Matches, Reconstruction, Tracks, Trajectory
 
 FAN_WIDTH_PX, FAN_HEIGHT_PX = 600, 1000
 """The width of a fan, unless a narrow sonar would make it higher than that."""
 JPEG_QUALITY = 60
 TAIL_FRAMES = 10
-KEYPOINT, MATCH, MASK = (255, 214, 64), (255, 64, 200), (64, 255, 128)
+KEYPOINT, MATCH = (255, 214, 64), (255, 64, 200)
 ESTIMATE, TRUTH, ODOMETRY = (64, 180, 255), (70, 220, 110), (255, 120, 80)
 ARC, FRUSTUM = (150, 150, 170, 50), (110, 130, 150)
-SHEET_SHAPE, SHEET_OPACITY = (128, 64), 110
-"""(ranges, beams) of the small picture that hangs in the 3-D view, and its opacity of 255."""
-
-
-class Recorder(Protocol):
-    """Whoever watches a run."""
-
-    def record_frame(self, frame: Frame, mask: BoolArray, keypoints: Keypoints) -> None:
-        """Take what the front-end found in a frame; once a frame, in order."""
-
-    def record_matches(self, frame_a: Keypoints, frame_b: Keypoints, matches: Matches) -> None:
-        """Take the surviving matches of a frame (b) with the one before it (a); for all but the first, even if none."""
-
-    def record_reconstruction(self, sequence: Sequence, reconstruction: Reconstruction) -> None:
-        """Take the result, once, in the end."""
-
-    def close(self) -> None:
-        """Finish; nothing may be recorded afterwards."""
-
-
-class NullRecorder:
-    """Watch nothing."""
-
-    def _ignore(self, *args: object, **kwargs: object) -> None:
-        """Do nothing."""
-
-    record_frame = record_matches = record_reconstruction = close = _ignore
+SHEET_OPACITY = 110
+"""Of the picture that hangs in the 3-D view, of 255."""
 
 
 class RerunRecorder:
@@ -109,10 +95,10 @@ class RerunRecorder:
         # Echoes span orders of magnitude: the square root brings the weak ones up.
         visible = np.sqrt(np.where(frame.invalid, 0.0, np.clip(frame.image, 0, 1)))
         picture = (255 * visible).astype(np.uint8)
-        self._log("world/sonar/image", self._rr.Mesh3D.from_fields(albedo_texture_buffer=_shrink(picture)))
+        self._log("world/sonar/image", self._rr.Mesh3D.from_fields(albedo_texture_buffer=shrink_picture(picture)))
         for view, draw in self._draw.items():
             self._log(f"{view}/image", self._encode("jpeg", draw(picture)))
-            self._log(f"{view}/mask", self._encode("png", _tint(draw(mask)), draw_order=1.0))
+            self._log(f"{view}/mask", self._encode("png", tint_mask(draw(mask)), draw_order=1.0))
             xy_px = self._place[view](keypoints.range_m, keypoints.bearing_rad)
             self._log(f"{view}/keypoints", self._rr.Points2D(xy_px, colors=KEYPOINT, radii=-1.5))
 
@@ -131,7 +117,7 @@ class RerunRecorder:
         self._log_trajectories(sequence, reconstruction.trajectory)
         self._log_sonar(sequence.sonar, world_from_sonar)
         self._log_map(reconstruction.tracks, landmarks)
-        summary = self._rr.TextDocument(_summarise(sequence, reconstruction), media_type="text/markdown")
+        summary = self._rr.TextDocument(summarise_run(sequence, reconstruction), media_type="text/markdown")
         self._log("summary", summary, static=True)
         self._set_frame(0)
         warnings = [(text, "WARN") for text in (*sequence.warnings, *reconstruction.warnings)]
@@ -148,7 +134,7 @@ class RerunRecorder:
         """Draw the lines as a whole, and the estimate's once more, step by step as time goes on."""
         lines = {"estimate": (estimate, ESTIMATE), "odometry": (sequence.odometry, ODOMETRY)}
         for name, (trajectory, colour) in (lines | {"groundtruth": (sequence.groundtruth, TRUTH)}).items():
-            xyz_m = _anchor(trajectory, estimate)[:, :3, 3] if trajectory is not None else np.zeros((0, 3))
+            xyz_m = anchor_trajectory(trajectory, estimate)[:, :3, 3] if trajectory is not None else np.zeros((0, 3))
             if len(xyz_m):
                 self._log(f"world/{name}", self._lines_3d([xyz_m], colour, -1.0), static=True)
         xyz_m = estimate.world_from_vehicle[:, :3, 3]
@@ -159,11 +145,11 @@ class RerunRecorder:
     def _log_sonar(self, sonar: SonarModel, world_from_sonar: FloatArray) -> None:
         """Draw what the sonar sees as a wire frame, the image on the sheet of zero elevation, and move both."""
         rr, size = self._rr, {"height": SHEET_SHAPE[0], "width": SHEET_SHAPE[1]}
-        self._log("world/sonar/frustum", self._lines_3d(_frustum(sonar), FRUSTUM, -0.7), static=True)
+        self._log("world/sonar/frustum", self._lines_3d(outline_frustum(sonar), FRUSTUM, -0.7), static=True)
         self._log("world/sonar/origin", rr.Points3D([[0.0, 0.0, 0.0]], colors=ESTIMATE, radii=-5.0), static=True)
         layout = rr.components.ImageFormat(**size, color_model="RGB", channel_datatype="U8")
         sheet = rr.Mesh3D.from_fields(
-            **_sheet(sonar), albedo_texture_format=layout, albedo_factor=(255, 255, 255, SHEET_OPACITY)
+            **tessellate_sheet(sonar), albedo_texture_format=layout, albedo_factor=(255, 255, 255, SHEET_OPACITY)
         )
         self._log("world/sonar/image", sheet, static=True)
         for index, pose in enumerate(world_from_sonar):
@@ -173,12 +159,15 @@ class RerunRecorder:
     def _log_map(self, tracks: Tracks, landmarks: Landmarks) -> None:
         """Draw well constrained points by height, larger while in view, the others' arcs, and the tracks on the fan."""
         good = landmarks.well_constrained
-        xyz_m, colours = landmarks.xyz_m[good], _colour_heights(landmarks.xyz_m[good, 2])
+        xyz_m, colours = landmarks.xyz_m[good], colour_heights(landmarks.xyz_m[good, 2])
         self._log("world/points", self._rr.Points3D(xyz_m, colors=colours, radii=-2.0), static=True)
         self._log("world/arcs", self._lines_3d(landmarks.arc_m[~good], ARC, -0.7), static=True)
         point_of_track = np.full(tracks.count, -1)
         point_of_track[landmarks.track[good]] = np.arange(len(xyz_m))
-        steps, hues = _steps(tracks, self._place["fan"](tracks.range_m, tracks.bearing_rad)), _hues(tracks.track)
+        steps, hues = (
+            pair_steps(tracks, self._place["fan"](tracks.range_m, tracks.bearing_rad)),
+            choose_hues(tracks.track),
+        )
         by_frame = np.argsort(tracks.frame, kind="stable")
         ends = np.searchsorted(tracks.frame[by_frame], np.arange(len(self._stamps_s) + 1))
         for frame in range(len(self._stamps_s)):
@@ -229,7 +218,7 @@ class RerunRecorder:
             ),
             row_shares=[3, 2],
         )
-        position, target = _look_at(sonar, world_from_sonar, seen_m)
+        position, target = choose_view(sonar, world_from_sonar, seen_m)
         eye = rrb.EyeControls3D(position=position, look_target=target, eye_up=[0.0, 0.0, 1.0])
         world = rrb.Spatial3DView(origin="world", name="World", overrides={"world/so_far": so_far}, eye_controls=eye)
         words = rrb.Horizontal(
@@ -262,111 +251,3 @@ def _show_last(frames: int | None, step_s: float) -> Any:
         starts["frame"] = TimeRangeBoundary.cursor_relative(seq=1 - frames)
         starts["time"] = TimeRangeBoundary.cursor_relative(seconds=(0.5 - frames) * step_s)
     return VisibleTimeRanges([VisibleTimeRange(name, start=start, end=now) for name, start in starts.items()])
-
-
-def _anchor(trajectory: Trajectory, estimate: Trajectory) -> FloatArray:
-    """Sample a trajectory at the estimate's stamps that it covers, moved so that both agree at the first of them."""
-    stamps_s = estimate.timestamps_s
-    stamps_s = stamps_s[(stamps_s >= trajectory.timestamps_s[0]) & (stamps_s <= trajectory.timestamps_s[-1])]
-    if not len(stamps_s):
-        return np.zeros((0, 4, 4))
-    poses = interpolate(trajectory.timestamps_s, trajectory.world_from_vehicle, stamps_s)
-    start = interpolate(estimate.timestamps_s, estimate.world_from_vehicle, stamps_s[:1])
-    return np.asarray(start @ invert(poses[:1]) @ poses)
-
-
-def _frustum(sonar: SonarModel) -> list[FloatArray]:
-    """Strips along the edges of the volume that a sonar sees, in the sonar frame."""
-    bearings, elevations = np.linspace(sonar.bearing_edges_rad[0], sonar.bearing_edges_rad[-1], 33), sonar.elevations(9)
-    near_far = sonar.range_edges_m[[0, -1]]
-    fans = [back_project(r, bearings, phi) for r in near_far for phi in elevations[[0, -1]]]
-    uprights = [back_project(r, theta, elevations) for r in near_far for theta in bearings[[0, -1]]]
-    sides = [back_project(near_far, theta, phi) for theta in bearings[[0, -1]] for phi in elevations[[0, -1]]]
-    return fans + uprights + sides
-
-
-def _sheet(sonar: SonarModel) -> dict[str, Any]:
-    """Tessellate the surface of zero elevation: positions in the sonar frame, texture coordinates, triangles."""
-    rows, columns = 8, 32
-    (near, far), (first, last) = sonar.range_edges_m[[0, -1]], sonar.bearing_edges_rad[[0, -1]]
-    v, u = np.meshgrid(np.linspace(0, 1, rows + 1), np.linspace(0, 1, columns + 1), indexing="ij")
-    corner = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)).reshape(-1, 1)
-    return {
-        "vertex_positions": back_project(near + v * (far - near), first + u * (last - first), 0.0).reshape(-1, 3),
-        "vertex_texcoords": np.stack([u, v], axis=-1).reshape(-1, 2),
-        "triangle_indices": (corner + np.array([0, 1, columns + 2, 0, columns + 2, columns + 1])).reshape(-1, 3),
-    }
-
-
-def _shrink(picture: NDArray[np.uint8]) -> bytes:
-    """Make the small RGB texture of the sheet out of a polar picture."""
-    import cv2
-
-    small = cv2.resize(picture, SHEET_SHAPE[::-1], interpolation=cv2.INTER_AREA)
-    return np.repeat(small[..., None], 3, axis=-1).tobytes()
-
-
-def _look_at(sonar: SonarModel, world_from_sonar: FloatArray, seen_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Choose (eye, target): from behind, above and beside the path, far enough for the viewer's 55 degrees of view."""
-    path_m = world_from_sonar[:, :3, 3]
-    if not len(seen_m):  # nothing found: show how far the sonar looked
-        seen_m = path_m + sonar.range_m[-1] * world_from_sonar[:, :3, 0]
-    scene_m = np.concatenate([path_m, np.percentile(seen_m, [2, 98], axis=0)])
-    low, high = scene_m.min(axis=0), scene_m.max(axis=0)
-    ahead = world_from_sonar[:, :2, 0].mean(axis=0)
-    ahead = ahead / np.hypot(*ahead) if np.hypot(*ahead) > 1e-6 else np.array([1.0, 0.0])  # the latter looks down
-    direction = np.array([-ahead[0] - 0.6 * ahead[1], -ahead[1] + 0.6 * ahead[0], 0.9])
-    target = (low + high) / 2
-    return target + float(np.linalg.norm(high - low)) * 0.6 * direction, target
-
-
-def _tint(mask: BoolArray) -> NDArray[np.uint8]:
-    """Paint a mask as an outline with a faint filling: (rows, columns, 4) BGRA."""
-    import cv2
-
-    filled = mask.view(np.uint8)
-    inner = cv2.erode(filled, np.ones((3, 3), np.uint8), borderValue=0)
-    palette = np.array([(0, 0, 0, 0), (*MASK[::-1], 200), (*MASK[::-1], 30)], np.uint8)
-    return np.asarray(palette[filled + inner])
-
-
-def _steps(tracks: Tracks, xy_px: FloatArray) -> FloatArray:
-    """Pair each observation with the one before it in its track, the first with itself: (O, 2, 2)."""
-    here = np.arange(len(tracks))
-    before = np.maximum(here - 1, 0)
-    return np.stack([xy_px[np.where(tracks.track[before] == tracks.track, before, here)], xy_px], axis=1)
-
-
-def _hues(number: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """Give each number a hue of its own, far from its neighbours' (steps of the golden ratio): (N, 3)."""
-    phase = number[:, None] * 0.618034 + np.array([0.0, 1 / 3, 2 / 3])
-    return np.asarray(127.5 + 127.5 * np.cos(2 * np.pi * phase)).astype(np.uint8)
-
-
-def _colour_heights(z_m: FloatArray) -> NDArray[np.uint8]:
-    """Colour heights from blue (low) to red (high): (N, 3)."""
-    import cv2
-
-    if not len(z_m):
-        return np.zeros((0, 3), np.uint8)
-    low, high = np.percentile(z_m, [2, 98])
-    level = np.clip((z_m - low) / max(float(high - low), 1e-6), 0, 1)
-    return np.asarray(cv2.applyColorMap((255 * level).astype(np.uint8), cv2.COLORMAP_TURBO)[:, 0, ::-1])
-
-
-def _summarise(sequence: Sequence, reconstruction: Reconstruction) -> str:
-    """Write the counts of a run and the meaning of the colours as Markdown."""
-    landmarks, poses = reconstruction.landmarks, reconstruction.trajectory.world_from_vehicle
-    length_m = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).sum()
-    good = landmarks.well_constrained
-    spread = f" with a median sigma of {np.median(landmarks.sigma_m[good]):.3f} m" if good.any() else ""
-    return "\n\n".join(
-        [
-            f"**{sequence.name}** ({sequence.sonar.name}): {len(sequence)} frames, path of {length_m:.2f} m, "
-            f"{reconstruction.tracks.count} tracks, {len(landmarks)} landmarks, {good.sum()} well constrained{spread}",
-            "**Images**: green mask of echoes, yellow keypoints, magenta matches with the frame before, tails of "
-            "tracks; port is on the fan's left",
-            "**World**: blue estimate, orange odometry, green ground truth, from the same first pose; points coloured "
-            "by height, larger while in view; grey arcs where the motion leaves the elevation open",
-        ]
-    )

@@ -9,15 +9,17 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
+
 from asfm.datasets import open_sequence
 from asfm.errors import AsfmError
 from asfm.fan import FanGrid
 from asfm.poses import make_pose
+from asfm.recorder import Recorder
 from asfm.sequence import Sequence
 from asfm.sonar import SonarModel
 from asfm.types import FloatArray, Frame, Keypoints, Landmarks, Matches, Reconstruction, Tracks, Trajectory
-from asfm.visualization import FAN_WIDTH_PX, NullRecorder, Recorder, RerunRecorder, open_viewer
-from scipy.spatial.transform import Rotation
+from asfm.visualization import FAN_WIDTH_PX, RerunRecorder, open_viewer
 
 FRAMES = 6
 SONAR = SonarModel.evenly_spaced("toy sonar", (0.5, 8.0), (-0.6, 0.5), (150, 110), 0.2)
@@ -162,15 +164,6 @@ def fan() -> FanGrid:
 def test_importing_the_module_does_not_load_rerun() -> None:
     code = "import sys, asfm.visualization; sys.exit('rerun' in sys.modules or 'cv2' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
-def test_null_recorder_takes_everything_and_does_nothing() -> None:
-    recorder: Recorder = NullRecorder()
-    sequence = _sequence()
-    recorder.record_frame(_frame(0), _mask(0), _keypoints(0))
-    recorder.record_matches(_keypoints(0), _keypoints(1), Matches(0, 1, np.zeros((0, 2), int), np.zeros(0)))
-    recorder.record_reconstruction(sequence=sequence, reconstruction=_reconstruction(sequence))
-    recorder.close()
 
 
 def test_recording_says_what_it_is_and_how_to_show_it(recording: Recording) -> None:
