@@ -6,7 +6,7 @@ from skimage.metrics import structural_similarity
 
 from asfm.config import SslConfig
 from asfm.errors import AsfmError
-from asfm.frontend.ssl import Patches, spatial_term, stretch_patches, structural_spatial_loss, structural_term
+from asfm.frontend.ssl import Patches, stretch_patches, structural_spatial_loss
 
 
 @pytest.fixture(params=[3, 7, 10])
@@ -24,31 +24,43 @@ def pairs(request: pytest.FixtureRequest) -> tuple[Patches, Patches]:
 
 
 def test_structural_term_is_that_of_scikit_image(pairs: tuple[Patches, Patches]) -> None:
-    expected = [
-        (1 - structural_similarity(a.astype(float), b.astype(float), data_range=1.0)) / 2
-        for a, b in zip(*pairs, strict=True)
-    ]
-    np.testing.assert_allclose(structural_term(*pairs), expected, atol=1e-9)
+    stretched = (stretch_patches(patches).astype(float) for patches in pairs)
+    expected = [(1 - structural_similarity(a, b, data_range=1.0)) / 2 for a, b in zip(*stretched, strict=True)]
+    loss = structural_spatial_loss(*pairs, SslConfig(spatial_weight=0))
+    np.testing.assert_allclose(loss, expected, atol=1e-9)
 
 
 def test_spatial_term_is_that_of_plain_loops(pairs: tuple[Patches, Patches]) -> None:
     def describe(square: Patches) -> list[float]:
         return [*(float(c.mean()) for c in square.T), *(float(r.mean()) for r in square), float(square.mean())]
 
-    for a, b, term in zip(*pairs, spatial_term(*pairs), strict=True):
-        u, v = describe(a.astype(float)), describe(b.astype(float))
+    loss = structural_spatial_loss(*pairs, SslConfig(structural_weight=0))
+    stretched = (stretch_patches(patches).astype(float) for patches in pairs)
+    for a, b, term in zip(*stretched, loss, strict=True):
+        u, v = describe(a), describe(b)
         distance = sum((p - q) ** 2 for p, q in zip(u, v, strict=True)) ** 0.5
         assert term == pytest.approx(distance / len(u) ** 0.5, abs=1e-12)
 
 
+def test_stretched_squares_run_from_0_to_1(pairs: tuple[Patches, Patches]) -> None:
+    for patches in pairs:
+        exact = patches.astype(float)
+        low, high = exact.min(axis=(1, 2)), exact.max(axis=(1, 2))
+        expected = (exact - low[:, None, None]) / np.where(high > low, high - low, 1)[:, None, None]
+        stretched = stretch_patches(patches)
+        np.testing.assert_allclose(stretched, expected, atol=2e-7)
+        assert set(np.unique(stretched.max(axis=(1, 2))).tolist()) <= {0.0, 1.0}
+        assert not stretched.min(axis=(1, 2)).any()
+
+
 def test_loss_weighs_and_switches_its_terms(pairs: tuple[Patches, Patches]) -> None:
-    a, b = pairs
-    structural = structural_term(stretch_patches(a), stretch_patches(b))
-    spatial = spatial_term(stretch_patches(a), stretch_patches(b))
-    for weights in [(1.0, 1.0), (0.0, 1.0), (1.0, 0.0), (0.3, 2.0), (0.0, 0.0)]:
+    structural = structural_spatial_loss(*pairs, SslConfig(spatial_weight=0))
+    spatial = structural_spatial_loss(*pairs, SslConfig(structural_weight=0))
+    assert (structural != spatial).any()
+    for weights in [(1.0, 1.0), (0.3, 2.0), (0.0, 0.0)]:
         config = SslConfig(structural_weight=weights[0], spatial_weight=weights[1])
         expected = weights[0] * structural + weights[1] * spatial
-        np.testing.assert_allclose(structural_spatial_loss(a, b, config), expected, atol=1e-12)
+        np.testing.assert_allclose(structural_spatial_loss(*pairs, config), expected, atol=1e-12)
 
 
 def test_loss_is_zero_for_equal_squares_and_blind_to_gain_and_offset(pairs: tuple[Patches, Patches]) -> None:
@@ -70,6 +82,14 @@ def test_loss_is_symmetric_bounded_and_sees_what_moved(pairs: tuple[Patches, Pat
     turned = structural_spatial_loss(square[:1], square[:1].transpose(0, 2, 1), SslConfig())
     assert moved[0] > 0.1
     assert turned[0] > 0.1
+
+
+def test_each_loss_is_that_of_its_pair_alone() -> None:
+    rng = np.random.default_rng(4)
+    a, b = rng.random((2, 300, 15, 15)).astype(np.float32)
+    loss = structural_spatial_loss(a, b, SslConfig())
+    alone = [structural_spatial_loss(a[i : i + 1], b[i : i + 1], SslConfig())[0] for i in range(300)]
+    np.testing.assert_allclose(loss, alone, atol=1e-12)
 
 
 @pytest.mark.parametrize("width", [1, 3, 5])
