@@ -39,11 +39,11 @@ def outline_frustum(sonar: SonarModel) -> list[FloatArray]:
 def tessellate_sheet(sonar: SonarModel) -> dict[str, Any]:
     """Tessellate the surface of zero elevation: positions in the sonar frame, texture coordinates, triangles."""
     rows, columns = 8, 32
-    (near, far), (first, last) = sonar.range_edges_m[[0, -1]], sonar.bearing_edges_rad[[0, -1]]
     v, u = np.meshgrid(np.linspace(0, 1, rows + 1), np.linspace(0, 1, columns + 1), indexing="ij")
+    range_m, bearing_rad = sonar.range_at_row(v * sonar.shape[0]), sonar.bearing_at_column(u * sonar.shape[1])
     corner = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)).reshape(-1, 1)
     return {
-        "vertex_positions": back_project(near + v * (far - near), first + u * (last - first), 0.0).reshape(-1, 3),
+        "vertex_positions": back_project(range_m, bearing_rad, 0.0).reshape(-1, 3),
         "vertex_texcoords": np.stack([u, v], axis=-1).reshape(-1, 2),
         "triangle_indices": (corner + np.array([0, 1, columns + 2, 0, columns + 2, columns + 1])).reshape(-1, 3),
     }
