@@ -21,7 +21,7 @@ class Section(BaseModel):
 class CfarConfig(Section):
     """Constant false-alarm rate detection: which pixels stand out from their surroundings."""
 
-    false_alarm_probability: float = Field(default=1e-2, gt=0, lt=1)
+    false_alarm_probability: float = Field(default=0.05, gt=0, lt=1)
     guard_px: tuple[int, int] = (4, 4)
     """Half-size (rows, columns) of the guard window around the cell under test."""
     reference_px: tuple[int, int] = (16, 12)
@@ -50,10 +50,12 @@ class KeypointsConfig(Section):
     """A-KAZE on the image stretched to near-square pixels."""
 
     threshold: float = Field(default=1e-4, gt=0)
-    smoothing_px: float = Field(default=1.0, ge=0)
+    smoothing_px: float = Field(default=2.0, ge=0)
     """Sigma of the Gaussian that calms the speckle before detection."""
     max_count: int = Field(default=500, ge=1)
     """The strongest are kept."""
+    margin_px: int = Field(default=2, ge=0)
+    """How far the mask reaches beyond the echoes, in pixels of the polar image."""
     max_stretch: float = Field(default=4.0, ge=1)
     """Largest factor by which the bearing axis is stretched."""
 
@@ -64,6 +66,26 @@ class MatchingConfig(Section):
     max_gap: int = Field(default=8, ge=1)
     """Each frame is matched with the frames 1..max_gap before it."""
     ratio: float = Field(default=0.9, gt=0, le=1)
+
+
+class TracksConfig(Section):
+    """Association: matches that the current poses allow, joined into tracks."""
+
+    gate_factor: float = Field(default=3.5, gt=0)
+    """A match may lie this many times the typical distance from its elevation arc."""
+    min_gate: float = Field(default=2.0, gt=0)
+    """The gate is never narrower than this many sigmas."""
+    min_views: int = Field(default=3, ge=2)
+    """Shorter tracks are left out."""
+
+
+class NoiseConfig(Section):
+    """Standard deviations of a feature's position, which set every gate and weight."""
+
+    range_bins: float = Field(default=1.5, gt=0)
+    bearing_beams: float = Field(default=1.0, gt=0)
+    min_bearing_deg: float = Field(default=0.3, ge=0)
+    """Sonars sample their beams more finely than they resolve them."""
 
 
 class SslConfig(Section):
@@ -81,6 +103,13 @@ class BackendConfig(Section):
     use_odometry: bool = True
     use_navigation: bool = True
     rounds: int = Field(default=3, ge=1)
+    """How often association and optimisation alternate."""
+    track_correlation: float = Field(default=0.3, ge=0, le=1)
+    """Correlation of the errors of one track's observations: features slide along edges in step."""
+    motion_prior_factor: float = Field(default=2.0, gt=0)
+    """Without odometry: sigma of a step, over the typical step of the planar motions."""
+    well_constrained_share: float = Field(default=0.25, gt=0)
+    """A landmark is well constrained when its sigma is below this share of half its elevation arc."""
 
 
 class Config(Section):
@@ -93,6 +122,8 @@ class Config(Section):
     keypoints: KeypointsConfig = KeypointsConfig()
     matching: MatchingConfig = MatchingConfig()
     ssl: SslConfig = SslConfig()
+    tracks: TracksConfig = TracksConfig()
+    noise: NoiseConfig = NoiseConfig()
     backend: BackendConfig = BackendConfig()
 
 

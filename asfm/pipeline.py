@@ -2,11 +2,22 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from asfm.backend.landmarks import describe_landmarks
+from asfm.backend.solution import Solution, solve_tracks
+from asfm.backend.start import Start, start_from_odometry, start_from_tracks
+from asfm.backend.support import describe_support
 from asfm.config import Config
+from asfm.frontend.association import associate
+from asfm.frontend.candidates import match_with_previous
+from asfm.frontend.denoising import detect_mask
+from asfm.frontend.keypoints import detect_keypoints
+from asfm.frontend.tracks import build_tracks
 from asfm.recorder import NullRecorder, Recorder
 from asfm.sequence import Sequence
-from asfm.stages import Progress, StageReport, no_progress
-from asfm.types import Reconstruction
+from asfm.stages import Progress, StageClock, StageReport, no_progress
+from asfm.types import Keypoints, Matches, Reconstruction, Trajectory
 
 
 @dataclass(frozen=True)
@@ -23,5 +34,103 @@ def reconstruct(
     recorder: Recorder | None = None,
     progress: Progress = no_progress,
 ) -> Run:
-    """Reconstruct trajectory and landmarks of a sequence."""
-    raise NotImplementedError
+    """Reconstruct trajectory and landmarks of a sequence.
+
+    Images become keypoints and candidate matches once. Association and optimisation then alternate: better poses
+    allow a better choice of matches, and that better poses.
+
+    Args:
+        sequence: frames and what navigation there is.
+        config: every setting.
+        recorder: shown each stage; nothing is shown without one.
+        progress: told how far each stage is.
+
+    Raises:
+        AsfmError: a frame cannot be read.
+    """
+    recorder = recorder or NullRecorder()
+    clock = StageClock(progress)
+    keypoints, candidates = extract(sequence, config, recorder, clock)
+    start = initialise(sequence, keypoints, candidates, config, clock)
+    solution = optimise(sequence, keypoints, candidates, start, config, clock)
+    reconstruction = conclude(sequence, solution, config, clock)
+    with clock.stage("record"):
+        recorder.record_reconstruction(sequence, reconstruction)
+    return Run(reconstruction, tuple(clock.reports))
+
+
+def extract(
+    sequence: Sequence, config: Config, recorder: Recorder, clock: StageClock
+) -> tuple[list[Keypoints], list[Matches]]:
+    """Turn images into keypoints, and pairs of frames into candidate matches. One image is in memory at a time."""
+    keypoints: list[Keypoints] = []
+    candidates: list[Matches] = []
+    with clock.stage("front-end") as report:
+        for frame in sequence:
+            mask = detect_mask(frame, config)
+            keypoints.append(detect_keypoints(frame, mask, sequence.sonar, config))
+            matches = match_with_previous(frame.index, keypoints, config)
+            candidates += matches
+            recorder.record_frame(frame, mask, keypoints[-1])
+            if matches:
+                recorder.record_matches(keypoints[-2], keypoints[-1], matches[0])
+            _forget_patches(keypoints, frame.index - config.matching.max_gap)
+            clock.progress("front-end", frame.index + 1, len(sequence))
+        report.counts = {
+            "frames": len(sequence),
+            "keypoints": sum(len(frame) for frame in keypoints),
+            "matches": sum(len(match) for match in candidates),
+        }
+    return keypoints, candidates
+
+
+def initialise(
+    sequence: Sequence, keypoints: list[Keypoints], candidates: list[Matches], config: Config, clock: StageClock
+) -> Start:
+    """Start from odometry, or from a chain of planar motions where there is none."""
+    with clock.stage("start") as report:
+        start = start_from_odometry(sequence, config)
+        if start is None:
+            tracks = build_tracks(keypoints, candidates)
+            start = start_from_tracks(sequence, tracks, config, np.random.default_rng(config.seed))
+            report.counts = {"tracks": tracks.count}
+    return start
+
+
+def optimise(
+    sequence: Sequence,
+    keypoints: list[Keypoints],
+    candidates: list[Matches],
+    start: Start,
+    config: Config,
+    clock: StageClock,
+) -> Solution:
+    """Alternate association and adjustment."""
+    poses = start.world_from_vehicle
+    for number in range(config.backend.rounds):
+        with clock.stage(f"round {number + 1}") as report:
+            tracks = associate(keypoints, candidates, sequence.sonar, poses @ sequence.vehicle_from_sonar, config)
+            solution = solve_tracks(tracks, sequence, poses, start.sensors, config)
+            poses = solution.bundle.world_from_vehicle
+            report.counts = {"tracks": tracks.count, "observations": int(solution.observed.sum())}
+        clock.progress("optimise", number + 1, config.backend.rounds)
+    return solution
+
+
+def conclude(sequence: Sequence, solution: Solution, config: Config, clock: StageClock) -> Reconstruction:
+    """Describe the landmarks and say what the poses rest on."""
+    with clock.stage("landmarks") as report:
+        landmarks = describe_landmarks(solution, sequence, config)
+        report.counts = {"landmarks": len(landmarks), "well constrained": int(landmarks.well_constrained.sum())}
+    return Reconstruction(
+        trajectory=Trajectory(sequence.timestamps_s, solution.bundle.world_from_vehicle),
+        tracks=solution.tracks,
+        landmarks=landmarks,
+        warnings=describe_support(sequence, solution, config),
+    )
+
+
+def _forget_patches(keypoints: list[Keypoints], index: int) -> None:
+    """Let go of the squares of a frame that no later frame is matched with."""
+    if index >= 0:
+        keypoints[index] = keypoints[index].without_patches()

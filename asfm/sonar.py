@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from asfm.config import NoiseConfig
 from asfm.types import BoolArray, FloatArray
 
 
@@ -131,6 +132,12 @@ class SonarModel:
         The arc is equation (2) with range and bearing held and the elevation running over the aperture.
         """
         return back_project(np.asarray(range_m)[..., None], np.asarray(bearing_rad)[..., None], self.elevations(count))
+
+
+def feature_sigma(sonar: SonarModel, noise: NoiseConfig) -> FloatArray:
+    """Standard deviations (2,) of a feature's range_m and bearing_rad."""
+    bearing_rad = max(noise.bearing_beams * sonar.bearing_step_rad, np.deg2rad(noise.min_bearing_deg))
+    return np.array([noise.range_bins * sonar.range_step_m, bearing_rad])
 
 
 def _knots(centres: FloatArray, edges: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -4,7 +4,7 @@ Conventions, everywhere the same: metres, radians, seconds. Sonar frame x forwar
 in 0..1 of shape (ranges, beams); row 0 is nearest, column 0 is the most starboard beam. Pixel centres are at +0.5.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,6 +91,10 @@ class Keypoints:
 
     def __len__(self) -> int:
         return len(self.range_m)
+
+    def without_patches(self) -> "Keypoints":
+        """Give the same keypoints without their squares, which take most of the memory."""
+        return replace(self, patches=self.patches[:0])
 
 
 @dataclass(frozen=True)

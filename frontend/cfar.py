@@ -35,11 +35,13 @@ def detect_cfar(
     valid cells inside the image count, and the factor is the one for as many as there are. Without any the cell is not
     detected. A window of no columns is one-dimensional along range.
 
-    Methods (Rohling 1983 for all four):
-        ca: the mean of all reference cells; best in even noise.
-        goca: the greater of the means of the nearer and the farther rows; fewer false alarms where noise steps up.
-        soca: the smaller of them; does not lose a target beside another one.
-        os: the cell of rank ``order_fraction`` * n; holds out against several targets, at ten times the time.
+    Methods:
+        ca: the mean of all reference cells (Finn and Johnson 1968); best in even noise.
+        goca: the greater of the means of the nearer and of the farther rows (Hansen 1973); fewer false alarms where
+            the noise steps up.
+        soca: the smaller of the two (Trunk 1978); does not lose a target beside another one.
+        os: the cell of rank ``order_fraction`` * n (Rohling 1983); holds out against several targets, at some ten
+            times the time.
 
     Args:
         image: (ranges, beams) 0 or more, in any unit; what is not finite counts as invalid.

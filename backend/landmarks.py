@@ -1,0 +1,49 @@
+"""Landmarks with what is known of their error."""
+
+import numpy as np
+
+from asfm.backend.bundle import landmark_covariances
+from asfm.backend.solution import Solution
+from asfm.config import Config
+from asfm.poses import transform
+from asfm.sequence import Sequence
+from asfm.types import FloatArray, IntArray, Landmarks, Tracks
+
+ARC_POINTS = 9
+
+
+def describe_landmarks(solution: Solution, sequence: Sequence, config: Config) -> Landmarks:
+    """Give the landmarks of a solution with covariance, number of views and elevation arc.
+
+    A landmark is well constrained when its largest sigma is a small share of half its elevation arc: the motion has
+    told clearly more about the elevation than the beam itself does.
+    """
+    track = np.flatnonzero(solution.bundle.in_graph)
+    tracks = solution.tracks
+    covariance = landmark_covariances(solution.bundle)[track]
+    sigma_m = np.sqrt(np.linalg.eigvalsh(covariance)[:, -1]) if len(track) else np.zeros(0)
+    last = _last_observations(tracks, solution)[track]
+    half_arc_m = tracks.range_m[last] * sequence.sonar.elevation_aperture_rad / 2
+    return Landmarks(
+        track=track,
+        xyz_m=solution.bundle.xyz_m[track],
+        covariance_m2=covariance,
+        sigma_m=sigma_m,
+        views=np.bincount(tracks.track[solution.observed], minlength=tracks.count)[track],
+        well_constrained=sigma_m <= config.backend.well_constrained_share * half_arc_m,
+        arc_m=_world_arcs(tracks, last, sequence, solution.bundle.world_from_vehicle),
+    )
+
+
+def _last_observations(tracks: Tracks, solution: Solution) -> IntArray:
+    """Index of each track's last used observation, (T,); observations are sorted by track and frame."""
+    last = np.zeros(tracks.count, dtype=np.int64)
+    used = np.flatnonzero(solution.observed)
+    last[tracks.track[used]] = used
+    return last
+
+
+def _world_arcs(tracks: Tracks, last: IntArray, sequence: Sequence, world_from_vehicle: FloatArray) -> FloatArray:
+    arc = sequence.sonar.elevation_arc(tracks.range_m[last], tracks.bearing_rad[last], ARC_POINTS)
+    world_from_sonar = world_from_vehicle[tracks.frame[last]] @ sequence.vehicle_from_sonar
+    return transform(world_from_sonar[:, None], arc)

@@ -1,0 +1,66 @@
+"""One round of the back-end: triangulate the tracks, drop what disagrees, adjust poses and points."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from asfm.backend.bundle import Bundle, BundleProblem, adjust_bundle
+from asfm.backend.sensors import SensorConstraints
+from asfm.backend.triangulation import triangulate_tracks
+from asfm.config import Config
+from asfm.sequence import Sequence
+from asfm.sonar import feature_sigma
+from asfm.types import BoolArray, FloatArray, Tracks
+
+TRIANGULATION_SLACK = 1.5
+"""Sigmas are widened by this for triangulation, because the poses are not yet right."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Poses and points that agree with tracks and sensors."""
+
+    tracks: Tracks
+    observed: BoolArray
+    """(O,) the observations that were used; the others contradicted their track's point."""
+    bundle: Bundle
+
+
+def solve_tracks(
+    tracks: Tracks,
+    sequence: Sequence,
+    world_from_vehicle: FloatArray,
+    sensors: SensorConstraints,
+    config: Config,
+) -> Solution:
+    """Triangulate, drop the observations that disagree, and adjust the rest.
+
+    Args:
+        tracks: observations of landmarks.
+        sequence: gives the sonar and its lever arm.
+        world_from_vehicle: (N, 4, 4) poses to start from.
+        sensors: what else is known of the poses.
+    """
+    sigma = np.tile(feature_sigma(sequence.sonar, config.noise), (len(tracks), 1))
+    found = triangulate_tracks(
+        tracks, world_from_vehicle @ sequence.vehicle_from_sonar, sequence.sonar, sigma * TRIANGULATION_SLACK
+    )
+    views = np.bincount(tracks.track, found.agrees, minlength=tracks.count)
+    observed = found.agrees & (views >= config.tracks.min_views)[tracks.track]
+    problem = BundleProblem(
+        tracks=tracks,
+        observed=observed,
+        sigma=sigma * _correlation_factor(views, config)[tracks.track][:, None],
+        sensors=sensors,
+        vehicle_from_sonar=sequence.vehicle_from_sonar,
+        half_aperture_rad=sequence.sonar.elevation_aperture_rad / 2,
+    )
+    return Solution(tracks, observed, adjust_bundle(problem, world_from_vehicle, found.xyz_m))
+
+
+def _correlation_factor(views: FloatArray, config: Config) -> FloatArray:
+    """Widen the sigmas of a track's n observations whose errors are correlated by rho: sqrt(1 + (n - 1) rho).
+
+    The mean of n values with that correlation is as uncertain as the mean of n independent ones so widened.
+    """
+    return np.asarray(np.sqrt(1 + config.backend.track_correlation * np.maximum(views - 1, 0)))

@@ -1,0 +1,64 @@
+"""Association: which candidate matches the current poses allow, joined into tracks."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from asfm.config import Config
+from asfm.frontend.gating import arc_residuals
+from asfm.frontend.tracks import build_tracks
+from asfm.poses import invert
+from asfm.sonar import SonarModel, feature_sigma
+from asfm.types import FloatArray, Keypoints, Matches, Tracks
+
+
+def associate(
+    keypoints: Sequence[Keypoints],
+    candidates: Sequence[Matches],
+    sonar: SonarModel,
+    world_from_sonar: FloatArray,
+    config: Config,
+) -> Tracks:
+    """Keep the matches that lie near their elevation arcs under the current poses and join them into tracks.
+
+    Poses are less certain over larger gaps. The gate of each gap therefore follows the typical residual of its
+    matches, most of which are right, and never falls below ``tracks.min_gate``.
+
+    Args:
+        keypoints: those of every frame.
+        candidates: matches of pairs of frames.
+        world_from_sonar: (N, 4, 4) current poses.
+    """
+    matches = [match for match in candidates if len(match)]
+    if not matches:
+        return build_tracks(keypoints, [], config.tracks.min_views)
+    sigma = feature_sigma(sonar, config.noise) * np.sqrt(2.0)
+    residual = [_match_residuals(keypoints, match, sonar, world_from_sonar, sigma) for match in matches]
+    gap = np.array([match.frame_b - match.frame_a for match in matches])
+    gate = np.empty(len(matches))
+    for value in np.unique(gap):
+        of_gap = np.flatnonzero(gap == value)
+        typical = float(np.median(np.concatenate([residual[index] for index in of_gap])))
+        gate[of_gap] = max(config.tracks.min_gate, config.tracks.gate_factor * typical)
+    kept = [
+        replace(match, index=match.index[near < limit], cost=(match.cost + 0.1 * near / limit)[near < limit])
+        for match, near, limit in zip(matches, residual, gate, strict=True)
+    ]
+    return build_tracks(keypoints, kept, config.tracks.min_views)
+
+
+def _match_residuals(
+    keypoints: Sequence[Keypoints],
+    match: Matches,
+    sonar: SonarModel,
+    world_from_sonar: FloatArray,
+    sigma: FloatArray,
+) -> FloatArray:
+    """Distance of every match of a pair from its elevation arc, in sigmas: (M,)."""
+    b_from_a = invert(world_from_sonar[match.frame_b]) @ world_from_sonar[match.frame_a]
+    pixels = [
+        np.stack([frame.range_m, frame.bearing_rad], axis=1)[match.index[:, side]]
+        for side, frame in enumerate((keypoints[match.frame_a], keypoints[match.frame_b]))
+    ]
+    return arc_residuals(sonar, np.broadcast_to(b_from_a, (len(match), 4, 4)), pixels[0], pixels[1], sigma)
