@@ -16,12 +16,6 @@ from asfm.frontend.cfar import Method, detect_cfar
 from asfm.frontend.threshold_factors import halves_factors, order_factors, order_ranks
 from asfm.types import BoolArray, ImageArray
 
-
-def windows(probability: float, guard_px: tuple[int, int], reference_px: tuple[int, int]) -> CfarConfig:
-    """Configure windows of any kind, one-dimensional ones too."""
-    return CfarConfig.model_construct(false_alarm_probability=probability, guard_px=guard_px, reference_px=reference_px)
-
-
 Cell = tuple[int, int]
 METHODS: tuple[Method, ...] = get_args(Method)
 
@@ -80,7 +74,7 @@ def test_detections_are_those_of_a_plain_loop(
     image[rng.random(shape) < 0.1] *= 5
     valid = rng.random(shape) >= invalid_share
     reference_px = (guard_px[0] + wider_px[0], guard_px[1] + wider_px[1])
-    config = windows(probability, guard_px, reference_px)
+    config = CfarConfig(false_alarm_probability=probability, guard_px=guard_px, reference_px=reference_px)
     expected = np.zeros(shape, dtype=bool)
     for cell in np.ndindex(shape):
         limit = threshold(reference_cells(image, valid, config, cell), method, probability)
@@ -95,7 +89,7 @@ def test_false_alarm_rate_on_noise_is_the_asked_one(
     method: Method, probability: float, guard_px: tuple[int, int], reference_px: tuple[int, int]
 ) -> None:
     rng = np.random.default_rng(1)
-    config = windows(probability, guard_px, reference_px)
+    config = CfarConfig(false_alarm_probability=probability, guard_px=guard_px, reference_px=reference_px)
     valid = np.ones((800, 600), dtype=bool)
     valid[:, 400:410] = False
     power = rng.exponential(size=valid.shape).astype(np.float32)
@@ -164,11 +158,14 @@ def test_one_pixel_and_no_valid_pixel_have_no_detections(method: Method) -> None
 def test_windows_larger_than_the_image_see_all_of_it(method: Method) -> None:
     image = np.random.default_rng(5).rayleigh(size=(21, 17)).astype(np.float32)
     valid = np.ones(image.shape, dtype=bool)
-    huge, large = windows(0.1, (1, 1), (10**6, 10**6)), windows(0.1, (1, 1), (20, 16))
+    large, huge, all_guard = (
+        CfarConfig(false_alarm_probability=0.1, guard_px=guard_px, reference_px=reference_px)
+        for guard_px, reference_px in [((1, 1), (20, 16)), ((1, 1), (10**6, 10**6)), ((50, 50), (99, 99))]
+    )
     detected = detect_cfar(image, valid, huge, method=method)
     assert detected.any()
     np.testing.assert_array_equal(detected, detect_cfar(image, valid, large, method=method))
-    assert not detect_cfar(image, valid, windows(0.1, (50, 50), (99, 99)), method=method).any()
+    assert not detect_cfar(image, valid, all_guard, method=method).any()
 
 
 def test_methods_keep_their_promises() -> None:
