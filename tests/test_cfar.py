@@ -16,6 +16,8 @@ from asfm.frontend.cfar import Method, detect_cfar
 from asfm.frontend.threshold_factors import halves_factors, order_factors, order_ranks
 from asfm.types import BoolArray, ImageArray
 
+CONFIG = CfarConfig(false_alarm_probability=1e-2, guard_px=(4, 4), reference_px=(16, 12))
+
 Cell = tuple[int, int]
 METHODS: tuple[Method, ...] = get_args(Method)
 
@@ -108,19 +110,19 @@ def test_false_alarm_rate_on_noise_is_the_asked_one(
 def test_detections_do_not_depend_on_the_unit() -> None:
     image = np.random.default_rng(2).rayleigh(size=(60, 70)).astype(np.float32)
     valid = np.ones(image.shape, dtype=bool)
-    detected = detect_cfar(image, valid, CfarConfig())
+    detected = detect_cfar(image, valid, CONFIG)
     for gain in (2.0**-20, 2.0**16):
-        np.testing.assert_array_equal(detect_cfar((gain * image).astype(np.float32), valid, CfarConfig()), detected)
+        np.testing.assert_array_equal(detect_cfar((gain * image).astype(np.float32), valid, CONFIG), detected)
     counts = np.round(1000 * image).astype(np.uint16)
-    same = detect_cfar(counts.astype(np.float32), valid, CfarConfig())
-    np.testing.assert_array_equal(detect_cfar(counts, valid, CfarConfig()), same)
+    same = detect_cfar(counts.astype(np.float32), valid, CONFIG)
+    np.testing.assert_array_equal(detect_cfar(counts, valid, CONFIG), same)
 
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("value", [0.0, 0.3, 1.0, 65535.0])
 def test_nothing_stands_out_of_a_constant_image(value: float, method: Method) -> None:
     image = np.full((50, 60), value, dtype=np.float32)
-    assert not detect_cfar(image, np.ones(image.shape, dtype=bool), CfarConfig(), method=method).any()
+    assert not detect_cfar(image, np.ones(image.shape, dtype=bool), CONFIG, method=method).any()
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -128,7 +130,7 @@ def test_a_bright_target_leaves_no_ghosts_in_the_dark(method: Method) -> None:
     image = np.zeros((120, 120), dtype=np.float32)
     image[40, 40] = 1.0
     image[80, 83] = 1e-4
-    found = np.argwhere(detect_cfar(image, np.ones(image.shape, dtype=bool), CfarConfig(), method=method))
+    found = np.argwhere(detect_cfar(image, np.ones(image.shape, dtype=bool), CONFIG, method=method))
     np.testing.assert_array_equal(found, [[40, 40], [80, 83]])
 
 
@@ -140,18 +142,18 @@ def test_what_is_not_finite_is_invalid(hole: float, method: Method) -> None:
     valid = rng.random(image.shape) > 0.2
     holed = np.where(valid, image, np.float32(hole))
     everywhere = np.ones(image.shape, dtype=bool)
-    detected = detect_cfar(holed, everywhere, CfarConfig(), method=method)
-    np.testing.assert_array_equal(detected, detect_cfar(image, valid, CfarConfig(), method=method))
+    detected = detect_cfar(holed, everywhere, CONFIG, method=method)
+    np.testing.assert_array_equal(detected, detect_cfar(image, valid, CONFIG, method=method))
     nothing = np.full((9, 9), hole, dtype=np.float32)
-    assert not detect_cfar(nothing, everywhere[:9, :9], CfarConfig(), method=method).any()
+    assert not detect_cfar(nothing, everywhere[:9, :9], CONFIG, method=method).any()
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_one_pixel_and_no_valid_pixel_have_no_detections(method: Method) -> None:
     one = np.ones((1, 1), dtype=np.float32)
-    assert not detect_cfar(one, one > 0, CfarConfig(), method=method).any()
+    assert not detect_cfar(one, one > 0, CONFIG, method=method).any()
     image = np.random.default_rng(0).random((30, 30)).astype(np.float32)
-    assert not detect_cfar(image, np.zeros(image.shape, dtype=bool), CfarConfig(), method=method).any()
+    assert not detect_cfar(image, np.zeros(image.shape, dtype=bool), CONFIG, method=method).any()
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -174,12 +176,12 @@ def test_methods_keep_their_promises() -> None:
     image[200:] *= 10
     valid = np.ones(image.shape, dtype=bool)
     edge = slice(200, 212)
-    alarms = {m: detect_cfar(image, valid, CfarConfig(), method=m)[edge].mean() for m in METHODS}
+    alarms = {m: detect_cfar(image, valid, CONFIG, method=m)[edge].mean() for m in METHODS}
     assert alarms["goca"] < 0.3 * alarms["ca"] < alarms["soca"]
     image = rng.rayleigh(size=(100, 100)).astype(np.float32)
     image[40, 20::20] = 6
     image[44:56, 10:90] = 30
-    found = {m: detect_cfar(image, valid[:100], CfarConfig(), method=m)[40, 20::20].sum() for m in METHODS}
+    found = {m: detect_cfar(image, valid[:100], CONFIG, method=m)[40, 20::20].sum() for m in METHODS}
     assert found["goca"] == found["ca"] == 0
     assert found["soca"] == 4
 
@@ -187,16 +189,16 @@ def test_methods_keep_their_promises() -> None:
 def test_bad_input_is_refused_with_one_clear_line() -> None:
     image = np.zeros((5, 5), dtype=np.float32)
     with pytest.raises(AsfmError, match=r"\(5, 5\) and \(4, 5\)"):
-        detect_cfar(image, np.ones((4, 5), dtype=bool), CfarConfig())
+        detect_cfar(image, np.ones((4, 5), dtype=bool), CONFIG)
     everywhere = np.ones((5, 5), dtype=bool)
     with pytest.raises(AsfmError, match="method of ca, goca, soca, os; found 'cfar'"):
-        detect_cfar(image, everywhere, CfarConfig(), method="cfar")  # type: ignore[arg-type]
+        detect_cfar(image, everywhere, CONFIG, method="cfar")  # type: ignore[arg-type]
     with pytest.raises(AsfmError, match="noise of rayleigh, exponential; found 'gauss'"):
-        detect_cfar(image, everywhere, CfarConfig(), noise="gauss")  # type: ignore[arg-type]
+        detect_cfar(image, everywhere, CONFIG, noise="gauss")  # type: ignore[arg-type]
     with pytest.raises(AsfmError, match="order_fraction"):
-        detect_cfar(image, everywhere, CfarConfig(), order_fraction=0.0)
+        detect_cfar(image, everywhere, CONFIG, order_fraction=0.0)
     with pytest.raises(AsfmError, match="expected an image"):
-        detect_cfar(image[:0], np.ones((0, 5), dtype=bool), CfarConfig())
+        detect_cfar(image[:0], np.ones((0, 5), dtype=bool), CONFIG)
 
 
 def test_empty_water_is_nearly_empty(shared_data: Path) -> None:
@@ -204,5 +206,5 @@ def test_empty_water_is_nearly_empty(shared_data: Path) -> None:
     for path in sorted((shared_data / "didson_hull" / "open_water").glob("*.png"))[::8]:
         image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
         assert image is not None
-        rates.append(detect_cfar(image, np.ones(image.shape, dtype=bool), CfarConfig()).mean())
+        rates.append(detect_cfar(image, np.ones(image.shape, dtype=bool), CONFIG).mean())
     assert 0 < float(np.mean(rates)) < 0.15

@@ -48,7 +48,7 @@ def test_labels_of_real_frames_are_those_of_scikit_learn(shared_data: Path) -> N
         image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
         assert image is not None
         mask = image > np.quantile(image, 0.9)
-        for config in (ClustersConfig(), ClustersConfig(radius_px=2, min_pixels=7)):
+        for config in (ClustersConfig(radius_px=3, min_pixels=10), ClustersConfig(radius_px=2, min_pixels=7)):
             kept = keep_clusters(mask, config)
             assert 0 < kept.sum() < mask.sum()
             expected = dbscan(mask, config)
@@ -58,7 +58,7 @@ def test_labels_of_real_frames_are_those_of_scikit_learn(shared_data: Path) -> N
 
 def test_input_is_left_alone_and_a_view_will_do() -> None:
     mask = np.random.default_rng(0).random((40, 60)) < 0.2
-    before, config = mask.copy(), ClustersConfig(min_pixels=6)
+    before, config = mask.copy(), ClustersConfig(radius_px=3, min_pixels=6)
     copy = np.ascontiguousarray(mask.T)
     np.testing.assert_array_equal(keep_clusters(mask.T, config), keep_clusters(copy, config))
     np.testing.assert_array_equal(label_clusters(mask.T, config), label_clusters(copy, config))
@@ -77,7 +77,7 @@ def test_clusters_join_over_a_gap_of_the_radius_and_no_wider() -> None:
 @pytest.mark.parametrize("shape", [(0, 0), (0, 7), (1, 1), (50, 40)])
 @pytest.mark.parametrize("full", [False, True])
 def test_masks_that_cover_nothing_or_everything_have_an_answer(shape: tuple[int, int], full: bool) -> None:
-    mask, config = np.full(shape, full), ClustersConfig(min_pixels=1)
+    mask, config = np.full(shape, full), ClustersConfig(radius_px=3, min_pixels=1)
     np.testing.assert_array_equal(keep_clusters(mask, config), mask)
     np.testing.assert_array_equal(label_clusters(mask, config), mask.astype(int) - 1)
 

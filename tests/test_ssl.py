@@ -8,6 +8,8 @@ from asfm.config import SslConfig
 from asfm.errors import AsfmError
 from asfm.frontend.ssl import Patches, stretch_patches, structural_spatial_loss
 
+BOTH = SslConfig(structural_weight=1, spatial_weight=1)
+
 
 @pytest.fixture(params=[3, 7, 10])
 def pairs(request: pytest.FixtureRequest) -> tuple[Patches, Patches]:
@@ -26,7 +28,7 @@ def pairs(request: pytest.FixtureRequest) -> tuple[Patches, Patches]:
 def test_structural_term_is_that_of_scikit_image(pairs: tuple[Patches, Patches]) -> None:
     stretched = (stretch_patches(patches).astype(float) for patches in pairs)
     expected = [(1 - structural_similarity(a, b, data_range=1.0)) / 2 for a, b in zip(*stretched, strict=True)]
-    loss = structural_spatial_loss(*pairs, SslConfig(spatial_weight=0))
+    loss = structural_spatial_loss(*pairs, SslConfig(structural_weight=1, spatial_weight=0))
     np.testing.assert_allclose(loss, expected, atol=1e-9)
 
 
@@ -34,7 +36,7 @@ def test_spatial_term_is_that_of_plain_loops(pairs: tuple[Patches, Patches]) -> 
     def describe(square: Patches) -> list[float]:
         return [*(float(c.mean()) for c in square.T), *(float(r.mean()) for r in square), float(square.mean())]
 
-    loss = structural_spatial_loss(*pairs, SslConfig(structural_weight=0))
+    loss = structural_spatial_loss(*pairs, SslConfig(structural_weight=0, spatial_weight=1))
     stretched = (stretch_patches(patches).astype(float) for patches in pairs)
     for a, b, term in zip(*stretched, loss, strict=True):
         u, v = describe(a), describe(b)
@@ -54,8 +56,8 @@ def test_stretched_squares_run_from_0_to_1(pairs: tuple[Patches, Patches]) -> No
 
 
 def test_loss_weighs_and_switches_its_terms(pairs: tuple[Patches, Patches]) -> None:
-    structural = structural_spatial_loss(*pairs, SslConfig(spatial_weight=0))
-    spatial = structural_spatial_loss(*pairs, SslConfig(structural_weight=0))
+    structural = structural_spatial_loss(*pairs, SslConfig(structural_weight=1, spatial_weight=0))
+    spatial = structural_spatial_loss(*pairs, SslConfig(structural_weight=0, spatial_weight=1))
     assert (structural != spatial).any()
     for weights in [(1.0, 1.0), (0.3, 2.0), (0.0, 0.0)]:
         config = SslConfig(structural_weight=weights[0], spatial_weight=weights[1])
@@ -65,21 +67,21 @@ def test_loss_weighs_and_switches_its_terms(pairs: tuple[Patches, Patches]) -> N
 
 def test_loss_is_zero_for_equal_squares_and_blind_to_gain_and_offset(pairs: tuple[Patches, Patches]) -> None:
     a = pairs[0].astype(float)
-    loss = structural_spatial_loss(a, 3.0 * a + 0.5, SslConfig())
+    loss = structural_spatial_loss(a, 3.0 * a + 0.5, BOTH)
     np.testing.assert_allclose(loss, 0.0, atol=1e-7)
 
 
 def test_loss_is_symmetric_bounded_and_sees_what_moved(pairs: tuple[Patches, Patches]) -> None:
     a, b = pairs
-    loss = structural_spatial_loss(a, b, SslConfig())
-    np.testing.assert_allclose(loss, structural_spatial_loss(b, a, SslConfig()), atol=1e-12)
+    loss = structural_spatial_loss(a, b, BOTH)
+    np.testing.assert_allclose(loss, structural_spatial_loss(b, a, BOTH), atol=1e-12)
     assert (loss >= 0).all()
     assert (loss <= 2).all()
     square = np.zeros((2, 15, 15), dtype=np.float32)
     square[0, 3:6, 7:9] = 1
     square[1, 9:12, 4:6] = 1
-    moved = structural_spatial_loss(square[:1], square[1:], SslConfig())
-    turned = structural_spatial_loss(square[:1], square[:1].transpose(0, 2, 1), SslConfig())
+    moved = structural_spatial_loss(square[:1], square[1:], BOTH)
+    turned = structural_spatial_loss(square[:1], square[:1].transpose(0, 2, 1), BOTH)
     assert moved[0] > 0.1
     assert turned[0] > 0.1
 
@@ -87,8 +89,8 @@ def test_loss_is_symmetric_bounded_and_sees_what_moved(pairs: tuple[Patches, Pat
 def test_each_loss_is_that_of_its_pair_alone() -> None:
     rng = np.random.default_rng(4)
     a, b = rng.random((2, 300, 15, 15)).astype(np.float32)
-    loss = structural_spatial_loss(a, b, SslConfig())
-    alone = [structural_spatial_loss(a[i : i + 1], b[i : i + 1], SslConfig())[0] for i in range(300)]
+    loss = structural_spatial_loss(a, b, BOTH)
+    alone = [structural_spatial_loss(a[i : i + 1], b[i : i + 1], BOTH)[0] for i in range(300)]
     np.testing.assert_allclose(loss, alone, atol=1e-12)
 
 
@@ -96,12 +98,12 @@ def test_each_loss_is_that_of_its_pair_alone() -> None:
 def test_squares_smaller_than_the_window_have_a_loss(width: int) -> None:
     rng = np.random.default_rng(0)
     a, b = rng.random((2, 8, width, width))
-    assert np.isfinite(structural_spatial_loss(a, b, SslConfig())).all()
+    assert np.isfinite(structural_spatial_loss(a, b, BOTH)).all()
 
 
 def test_no_matches_have_no_losses() -> None:
     none = np.zeros((0, 15, 15), dtype=np.float32)
-    assert structural_spatial_loss(none, none, SslConfig()).shape == (0,)
+    assert structural_spatial_loss(none, none, BOTH).shape == (0,)
 
 
 def test_bad_squares_are_refused_with_one_clear_line() -> None:
@@ -109,8 +111,8 @@ def test_bad_squares_are_refused_with_one_clear_line() -> None:
     bad = good.copy()
     bad[2, 0, 0] = np.nan
     with pytest.raises(AsfmError, match="square 2 of the second frame"):
-        structural_spatial_loss(good, bad, SslConfig())
+        structural_spatial_loss(good, bad, BOTH)
     with pytest.raises(AsfmError, match=r"\(3, 15, 15\)"):
-        structural_spatial_loss(good, good[:3], SslConfig())
+        structural_spatial_loss(good, good[:3], BOTH)
     with pytest.raises(AsfmError, match="equal squares"):
-        structural_spatial_loss(good[:, :14], good[:, :14], SslConfig())
+        structural_spatial_loss(good[:, :14], good[:, :14], BOTH)
