@@ -1,26 +1,22 @@
-"""Writing results: trajectory (TUM), points (PLY), report (JSON), and the folder that appears whole or not at all."""
+"""Writing results: trajectory (TUM), points (PLY), report (JSON), and what a folder of results looks like."""
 
 import json
-import os
-import secrets
-import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from asfm.errors import AsfmError
+from asfm.folders import FolderKind
 from asfm.poses import tum_from_pose
 from asfm.types import Landmarks, Trajectory
 
-RESULT_FILES = frozenset(
-    {"trajectory.tum", "points.ply", "reconstruction.rrd", "report.json", "config.yaml", "evaluation.json", ".DS_Store"}
+RESULTS = FolderKind(
+    name="results",
+    marks=("report.json", "config.yaml"),
+    patterns=("trajectory.tum", "points.ply", "reconstruction.rrd", "report.json", "config.yaml", "evaluation.json"),
 )
-"""All that a results folder may hold and still be replaced: a stranger's file in it is never deleted."""
-_MARKS = ("report.json", "config.yaml")
-"""A folder that holds both was written by asfm."""
+"""The folder that asfm run writes."""
 
 
 def write_trajectory(path: Path, trajectory: Trajectory) -> None:
@@ -80,72 +76,6 @@ def write_report(path: Path, report: dict[str, Any]) -> None:
     """
     text = json.dumps(_plain(report, "report"), allow_nan=False, sort_keys=True, indent=2, ensure_ascii=False)
     _write(path, (text + "\n").encode())
-
-
-@contextmanager
-def results_folder(path: Path, overwrite: bool) -> Iterator[Path]:
-    """Yield a temporary folder beside ``path`` that takes its place when the body ends without an exception.
-
-    When the body raises, KeyboardInterrupt included, the temporary folder is removed and an existing ``path`` stays as
-    it was. A process killed outright leaves ``<name>.<random>.partial``, never a half-written ``path``.
-
-    Raises:
-        AsfmError: ``path`` is not ours to replace, or a folder cannot be made or renamed.
-    """
-    path = path.resolve()
-    _refuse_what_is_not_ours(path, overwrite)
-    partial = _name_beside(path, "partial")
-    try:
-        partial.mkdir(parents=True)
-    except OSError as error:
-        raise AsfmError(f"{path}: cannot make a folder for results in {path.parent}: {error.strerror}") from None
-    try:
-        yield partial
-    except BaseException:
-        shutil.rmtree(partial, ignore_errors=True)
-        raise
-    try:
-        _refuse_what_is_not_ours(path, overwrite)  # again: much may have happened during the run
-        _take_place(path, partial)
-    except (AsfmError, OSError) as error:
-        raise AsfmError(f"{error}; the results are whole in {partial}") from None
-
-
-def _refuse_what_is_not_ours(path: Path, overwrite: bool) -> None:
-    if not path.exists():
-        return
-    if not path.is_dir():
-        raise AsfmError(f"{path}: expected a folder for results, found a file")
-    if os.path.ismount(path) or Path.cwd().is_relative_to(path):
-        raise AsfmError(f"{path}: cannot replace a mount point or the working directory; name a folder inside it")
-    names = {entry.name for entry in path.iterdir()}
-    if not names:
-        return
-    if not names.issuperset(_MARKS):
-        raise AsfmError(f"{path}: holds something else than asfm's results; choose another folder")
-    strangers = sorted(names - RESULT_FILES)
-    if strangers:
-        raise AsfmError(f"{path}: holds {strangers[0]}, which asfm did not write; move it or choose another folder")
-    if not overwrite:
-        raise AsfmError(f"{path}: already holds results; choose another folder or allow to overwrite them")
-
-
-def _take_place(path: Path, partial: Path) -> None:
-    """Rename the old folder aside, the new one in, and delete the old one; on failure put the old one back."""
-    old = _name_beside(path, "old")
-    try:
-        if path.exists():
-            path.rename(old)
-        partial.rename(path)
-    except BaseException:
-        if old.exists() and not path.exists():
-            old.rename(path)
-        raise
-    shutil.rmtree(old, ignore_errors=True)
-
-
-def _name_beside(path: Path, suffix: str) -> Path:
-    return path.with_name(f"{path.name}.{secrets.token_hex(4)}.{suffix}")
 
 
 def _write(path: Path, data: bytes) -> None:

@@ -9,6 +9,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
 from asfm.datasets import open_sequence
 from asfm.datasets.native import open_native_truth, read_native
 from asfm.datasets.native_writer import write_native
@@ -17,9 +21,6 @@ from asfm.poses import invert, make_pose, transform
 from asfm.sequence import Sequence
 from asfm.sonar import SonarModel, back_project, project
 from asfm.types import Frame, FrameTruth, HandTracks, Navigation, SensorNoise, Trajectory
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 EVEN = SonarModel.evenly_spaced("even", (0.5, 3.0), (-0.5, 0.4), (12, 8), 0.2)
 UNEVEN = SonarModel("uneven", EVEN.range_m, np.array([-0.5, -0.3, -0.2, -0.05, 0.0, 0.1, 0.3, 0.45]), 0.2)
@@ -202,7 +203,7 @@ def test_opening_ten_thousand_rows_reads_no_image_but_the_first(tmp_path: Path) 
 def test_writing_replaces_nothing_unless_told_to(tmp_path: Path) -> None:
     folder, sequence = tmp_path / "sequence", make_sequence()
     write_native(folder, sequence)
-    with pytest.raises(AsfmError, match=r"expected an empty place"):
+    with pytest.raises(AsfmError, match=r"already holds a sequence.*--overwrite"):
         write_native(folder, make_sequence(seed=1))
     assert_same(read_native(folder), sequence)
     write_native(folder, make_sequence(seed=1), overwrite=True)
@@ -212,9 +213,22 @@ def test_writing_replaces_nothing_unless_told_to(tmp_path: Path) -> None:
 
 def test_overwriting_spares_a_folder_that_is_no_sequence(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("years of work")
-    with pytest.raises(AsfmError, match=r"remove it yourself"):
+    with pytest.raises(AsfmError, match=r"expected an empty place, found thesis\.tex"):
         write_native(tmp_path, make_sequence(), overwrite=True)
     assert (tmp_path / "thesis.tex").exists()
+
+
+@pytest.mark.parametrize("name", ["README.md", "frames/best/000000.png", "raw/dive.aris"])
+def test_overwriting_spares_what_somebody_put_into_a_sequence(tmp_path: Path, name: str) -> None:
+    folder, sequence = tmp_path / "sequence", make_sequence()
+    truth = FrameTruth(np.zeros(sequence.sonar.shape), np.zeros(sequence.sonar.shape, np.float32))
+    for overwrite in (False, True):
+        write_native(folder, sequence, lambda index: truth, overwrite)
+    (folder / name).parent.mkdir(parents=True, exist_ok=True)
+    (folder / name).write_text("precious")
+    with pytest.raises(AsfmError, match=r"which asfm did not write"):
+        write_native(folder, make_sequence(), overwrite=True)
+    assert (folder / name).read_text() == "precious"
 
 
 def test_a_sequence_can_overwrite_the_folder_that_it_is_read_from(tmp_path: Path) -> None:
@@ -234,7 +248,7 @@ def test_a_file_in_the_way_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(AsfmError, match=r"found a file"):
         write_native(tmp_path / "file", make_sequence(), overwrite=True)
-    with pytest.raises(AsfmError, match=r"cannot write"):
+    with pytest.raises(AsfmError, match=r"cannot make a folder"):
         write_native(tmp_path / "file" / "below", make_sequence())
 
 

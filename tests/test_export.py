@@ -1,23 +1,19 @@
-"""Writing results: independent readers read them back, and a folder appears whole or not at all."""
+"""Writing results: independent readers read them back."""
 
 import json
-import os
-import signal
-import subprocess
-import sys
-import time
 from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
-from asfm.errors import AsfmError
-from asfm.export import results_folder, write_points, write_report, write_trajectory
-from asfm.poses import make_pose, tum_from_pose
-from asfm.types import Landmarks, Trajectory
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+
+from asfm.errors import AsfmError
+from asfm.export import write_points, write_report, write_trajectory
+from asfm.poses import make_pose, tum_from_pose
+from asfm.types import Landmarks, Trajectory
 
 
 def _trajectory(count: int, start_s: float = 0.0, seed: int = 0) -> Trajectory:
@@ -117,140 +113,3 @@ def test_report_names_the_key_of_a_bad_value(tmp_path: Path, bad: object) -> Non
 def test_unwritable_place_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(AsfmError, match=r"^[^\n]*none/report.json: cannot write: [^\n]*$"):
         write_report(tmp_path / "none" / "report.json", {})
-    (tmp_path / "file").write_text("")
-    with pytest.raises(AsfmError, match="cannot make a folder"), results_folder(tmp_path / "file" / "out", False):
-        pass
-
-
-def _fill(folder: Path, text: str) -> None:
-    (folder / "config.yaml").write_text(text)
-    (folder / "report.json").write_text("{}")
-
-
-def _snapshot(root: Path) -> dict[str, str]:
-    return {str(file.relative_to(root)): file.read_text() for file in root.rglob("*") if file.is_file()}
-
-
-def test_results_appear_only_when_whole(tmp_path: Path) -> None:
-    out = tmp_path / "deep" / "out"
-    with results_folder(out, overwrite=False) as folder:
-        assert folder.parent == out.parent and folder.name.endswith(".partial")
-        _fill(folder, "new")
-        assert not out.exists()
-    assert _snapshot(tmp_path) == {"deep/out/config.yaml": "new", "deep/out/report.json": "{}"}
-    ordinary = tmp_path / "ordinary"
-    ordinary.mkdir()
-    assert out.stat().st_mode == ordinary.stat().st_mode
-
-
-@pytest.mark.parametrize("fault", [RuntimeError, KeyboardInterrupt, SystemExit, AsfmError])
-@pytest.mark.parametrize("existing", [False, True])
-def test_a_fault_in_the_middle_leaves_all_as_it_was(tmp_path: Path, fault: type[BaseException], existing: bool) -> None:
-    out = tmp_path / "out"
-    if existing:
-        out.mkdir()
-        _fill(out, "old")
-    before = _snapshot(tmp_path)
-    with pytest.raises(fault), results_folder(out, overwrite=True) as folder:
-        _fill(folder, "half")
-        raise fault
-    assert _snapshot(tmp_path) == before
-    assert [path.name for path in tmp_path.iterdir()] == (["out"] if existing else [])
-
-
-def test_overwriting_replaces_and_leaves_nothing_behind(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    out.mkdir()
-    _fill(out, "old")
-    (out / "points.ply").write_text("old")
-    with pytest.raises(AsfmError, match="already holds results"), results_folder(out, overwrite=False):
-        pass
-    with results_folder(out, overwrite=True) as folder:
-        _fill(folder, "new")
-    assert _snapshot(tmp_path) == {"out/config.yaml": "new", "out/report.json": "{}"}
-    assert [path.name for path in tmp_path.iterdir()] == ["out"]
-
-
-def test_an_empty_folder_is_filled(tmp_path: Path) -> None:
-    with results_folder(tmp_path / "out", overwrite=False) as folder:
-        _fill(folder, "new")
-    assert (tmp_path / "out" / "config.yaml").read_text() == "new"
-
-
-@pytest.mark.parametrize("names", [["notes.txt"], ["report.json"], ["report.json", "config.yaml", "notes.txt"]])
-def test_a_stranger_s_folder_is_refused(tmp_path: Path, names: list[str]) -> None:
-    out = tmp_path / "out"
-    out.mkdir()
-    for name in names:
-        (out / name).write_text("precious")
-    before = _snapshot(tmp_path)
-    with pytest.raises(AsfmError, match="choose another folder"), results_folder(out, overwrite=True):
-        pytest.fail("the body must not run")
-    assert _snapshot(tmp_path) == before
-
-
-def test_a_file_and_the_working_directory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "file").write_text("precious")
-    with pytest.raises(AsfmError, match="found a file"), results_folder(tmp_path / "file", overwrite=True):
-        pass
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(AsfmError, match="working directory"), results_folder(Path(), overwrite=True):
-        pass
-
-
-def test_a_stranger_that_arrives_during_the_run_survives_and_so_do_the_results(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    with pytest.raises(AsfmError, match="the results are whole in"), results_folder(out, overwrite=True) as folder:
-        _fill(folder, "new")
-        out.mkdir()
-        (out / "notes.txt").write_text("precious")
-    assert (out / "notes.txt").read_text() == "precious"
-    assert (folder / "config.yaml").read_text() == "new"
-
-
-def test_old_results_come_back_when_the_last_rename_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    out = tmp_path / "out"
-    out.mkdir()
-    _fill(out, "old")
-    rename = Path.rename
-
-    def refuse(self: Path, target: Path) -> Path:
-        if self.suffix == ".partial":
-            raise PermissionError(13, "no")
-        return rename(self, target)
-
-    monkeypatch.setattr(Path, "rename", refuse)
-    with pytest.raises(AsfmError, match="whole in"), results_folder(out, overwrite=True) as folder:
-        _fill(folder, "new")
-    assert (out / "config.yaml").read_text() == "old" and (folder / "config.yaml").read_text() == "new"
-
-
-def test_a_link_to_a_folder_stays_a_link(tmp_path: Path) -> None:
-    (tmp_path / "link").symlink_to(tmp_path / "real")
-    with results_folder(tmp_path / "link", overwrite=False) as folder:
-        _fill(folder, "new")
-    assert (tmp_path / "link").is_symlink() and (tmp_path / "real" / "config.yaml").read_text() == "new"
-
-
-@pytest.mark.skipif(os.name != "posix", reason="sends POSIX signals")
-@pytest.mark.parametrize(("sent", "left_behind"), [(signal.SIGINT, 0), (signal.SIGKILL, 1)])
-def test_a_process_stopped_in_the_middle_leaves_no_results(
-    tmp_path: Path, sent: signal.Signals, left_behind: int
-) -> None:
-    out = tmp_path / "out"
-    code = (
-        "import sys, time, pathlib; from asfm.export import results_folder\n"
-        "with results_folder(pathlib.Path(sys.argv[1]), False) as folder:\n"
-        "    (folder / 'report.json').write_text('{}'); time.sleep(60)\n"
-    )
-    process = subprocess.Popen([sys.executable, "-c", code, str(out)], stderr=subprocess.DEVNULL)
-    try:
-        deadline = time.monotonic() + 30
-        while not list(tmp_path.glob("*.partial/report.json")) and time.monotonic() < deadline:
-            time.sleep(0.02)
-        process.send_signal(sent)
-        assert process.wait(timeout=30) != 0
-    finally:
-        process.kill()
-    assert not out.exists()
-    assert len(list(tmp_path.glob("out.*.partial"))) == left_behind == len(list(tmp_path.iterdir()))

@@ -10,9 +10,9 @@ from pydantic import ValidationError
 
 from asfm.datasets.images import Bits, encode_png, quantise
 from asfm.datasets.native_settings import MountSettings, NoiseSettings, SequenceSettings, SonarSettings, explain
-from asfm.datasets.staging import staged_folder
 from asfm.datasets.truth import write_truth_file
 from asfm.errors import AsfmError
+from asfm.folders import FolderKind, atomic_folder
 from asfm.poses import tum_from_pose
 from asfm.sequence import Sequence
 from asfm.sonar import SonarModel
@@ -20,6 +20,15 @@ from asfm.types import Frame, FrameTruth, Trajectory
 
 EVEN_TOLERANCE = 1e-9
 """Of a row or beam: spacing that is even up to rounding is written as two outer edges."""
+
+NATIVE = FolderKind(
+    name="a sequence",
+    marks=("sequence.yaml", "frames.csv"),
+    patterns=(
+        *("sequence.yaml", "frames.csv", "odometry.tum", "navigation.csv", "groundtruth.tum", "landmarks.csv"),
+        *("frames", "frames/*[0-9].png", "invalid", "invalid/*[0-9].png", "truth", "truth/*[0-9].npz"),
+    ),
+)
 
 
 def write_native(
@@ -45,7 +54,7 @@ def write_native(
             spaced unevenly, which sequence.yaml cannot say.
     """
     settings = _dump_settings(folder, sequence)
-    with staged_folder(folder, overwrite, marker="sequence.yaml") as partial:
+    with atomic_folder(folder, NATIVE, overwrite) as partial:
         rows = []
         for index in range(len(sequence)):
             frame = sequence.read_frame(index)
