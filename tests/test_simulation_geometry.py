@@ -8,9 +8,9 @@ from asfm.errors import AsfmError
 from asfm.poses import invert, make_pose, transform
 from asfm.simulation.echo import average_elevation
 from asfm.simulation.rays import RayCaster
+from asfm.simulation.renderer import Renderer, make_renderer
 from asfm.simulation.scene import Scene, join_scenes
 from asfm.simulation.sensor import ImagingSonar
-from asfm.simulation.simulate import Renderer, make_renderer
 from asfm.sonar import back_project, project
 from asfm.types import FloatArray, ImageArray
 
@@ -28,7 +28,7 @@ def _ball(centre_m: FloatArray, radius_m: float, subdivisions: int = 4) -> Scene
 def _render(scene: Scene, pose: FloatArray, sonar: ImagingSonar = SONAR) -> tuple[Renderer, ImageArray, FloatArray]:
     renderer = make_renderer(scene, sonar.model_copy(update={"gain": 1.0}), pose[None])
     echoes = renderer.trace(pose)
-    return renderer, np.sqrt(renderer.measure_power(echoes)[0]), average_elevation(echoes, renderer.model.shape)
+    return renderer, np.sqrt(renderer.measure_power(echoes)), average_elevation(echoes, renderer.model.shape)
 
 
 @pytest.mark.parametrize("case", range(12))

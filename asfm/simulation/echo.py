@@ -5,9 +5,10 @@ power after two-way spreading is m (cos i + s cos^n i) W / r^2: Lambert's m cos^
 mirror-like lobe. Elevation ambiguity, shadow and layover follow from the geometry alone.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from asfm.simulation.rays import Hits, RayFan
 from asfm.simulation.scene import Scene
@@ -19,6 +20,7 @@ MAX_PARTS = 12
 """Rows over which the footprint of one ray may spread at most."""
 STEEPEST = np.float32(1e-3)
 """Cosine of incidence below which a face counts as seen edge-on."""
+GRAIN_M = 0.02
 SAME_SURFACE_RAD = np.deg2rad(1.0)
 
 
@@ -28,8 +30,12 @@ class EchoStrength:
 
     reflectivity: ImageArray
     """(F + 1,) of every face, and at the end the 0 of a ray that struck none (face -1)."""
+    grain: ImageArray
+    """(65536,) factors of the grains, dealt out by the hash of a grain's place; (1,) where a scene has no grain."""
     ray_gain: ImageArray
     """(N,) beam pattern and share of a pixel's solid angle of each ray."""
+    rows_per_slope: ImageArray
+    """(N,) elevation step of each ray in rows a metre, over the cosine of its elevation; negative."""
     specular_strength: np.float32
     specular_exponent: np.float32
     middle_m: np.float32
@@ -56,27 +62,53 @@ class Echoes:
 
 def trace_echoes(hits: Hits, fan: RayFan, strength: EchoStrength, model: SonarModel) -> Echoes:
     """Turn hits into echoes; what was not struck stays, without power, beyond the last row."""
-    toward = np.einsum("ij,ij->j", hits.normal, fan.direction)
-    facing = np.abs(toward)
+    facing = np.abs(hits.toward)
     power = facing + strength.specular_strength * facing**strength.specular_exponent
     power *= strength.reflectivity.take(hits.face, mode="wrap")
+    if len(strength.grain) > 1:
+        power *= strength.grain.take(_grain_number(hits.place_m))
     power *= strength.ray_gain
     power *= _range_gain(hits.range_m, strength)
-    # On the tangent plane n.p = const, so that dr/d(elevation) = -r (n.upward) / (n.direction).
-    toward[facing < STEEPEST] = STEEPEST
-    extent = np.einsum("ij,ij->j", hits.normal, fan.upward)
+    # On the tangent plane n.p = const, so that dr/d(elevation) = -r (n.d') / (n.d), where d' = d direction/d(elevation)
+    # = (z - sin(elevation) d) / cos(elevation) with the sonar's upward axis z.
+    extent = hits.upward - fan.direction[2] * hits.toward
     extent *= hits.range_m
-    extent /= toward
-    extent *= np.float32(-fan.elevation_step_rad / model.range_step_m)
+    extent *= strength.rows_per_slope
+    extent /= np.where(facing < STEEPEST, STEEPEST, hits.toward)
     row = (hits.range_m - np.float32(model.range_edges_m[0])) * np.float32(1 / model.range_step_m)
     return _split(Echoes(row, fan.column, power, fan.elevation_rad), extent, fan.elevation_step_rad)
+
+
+def delay_echoes(echoes: Echoes, delay_rows: float, rng: np.random.Generator) -> Echoes:
+    """Delay each echo by an exponential variate of the stated mean."""
+    late = rng.standard_exponential(len(echoes.row), dtype=np.float32) * np.float32(delay_rows)
+    return replace(echoes, row=echoes.row + late)
+
+
+def _grain_number(place_m: ImageArray) -> NDArray[np.int32]:
+    """Hash the cube of space that each (3, N) place lies in to 0..65535."""
+    x, y, z = np.floor(place_m * np.float32(1 / GRAIN_M)).astype(np.int32)
+    number: NDArray[np.int32] = x * np.int32(73856093) ^ y * np.int32(19349663) ^ z * np.int32(83492791)
+    number ^= number >> 15
+    number &= 0xFFFF
+    return number
+
+
+def _deal_grains(grain: float) -> ImageArray:
+    """Draw the grains' factors, of mean 1; always the same ones."""
+    if not grain:
+        return np.ones(1, dtype=np.float32)
+    draws = np.random.default_rng(65536).standard_normal(65536)
+    return np.exp(grain * draws - 0.5 * grain**2).astype(np.float32)
 
 
 def weigh_echoes(scene: Scene, fan: RayFan, sonar: ImagingSonar, model: SonarModel) -> EchoStrength:
     """Work out once what the strength of echoes depends on besides the hit."""
     return EchoStrength(
         np.append(scene.reflectivity, 0.0).astype(np.float32),
+        _deal_grains(scene.grain),
         _ray_gain(fan, sonar, model),
+        (-fan.elevation_step_rad / model.range_step_m / np.cos(fan.elevation_rad)).astype(np.float32),
         np.float32(sonar.specular_strength),
         np.float32(sonar.specular_exponent),
         np.float32(0.5 * (sonar.range_min + sonar.range_max)),

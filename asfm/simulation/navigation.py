@@ -1,5 +1,7 @@
 """What the vehicle's own sensors report: drifting odometry, depth and attitude."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -7,19 +9,50 @@ from asfm.poses import invert, make_pose
 from asfm.types import FloatArray, Navigation, SensorNoise, Trajectory
 
 
-def simulate_odometry(truth: Trajectory, noise: SensorNoise, rng: np.random.Generator) -> Trajectory:
+@dataclass(frozen=True)
+class SlowDrift:
+    """The part of odometry's error that stays from step to step: a DVL's scale and mounting, a gyro's bias.
+
+    A first-order Gauss-Markov process on each axis of a step, beginning in its steady state.
+    """
+
+    translation_m: float = 0.001
+    """Standard deviation of a step's bias."""
+    rotation_rad: float = float(np.deg2rad(0.01))
+    """Standard deviation of a step's bias."""
+    correlation_s: float = 60.0
+    """Time in which the correlation falls to 1/e."""
+
+
+def simulate_odometry(
+    truth: Trajectory, noise: SensorNoise, rng: np.random.Generator, drift: SlowDrift | None = None
+) -> Trajectory:
     """Chain noisy steps, beginning at the true first pose.
 
     Every step between frames gets independent Gaussian errors, in the vehicle's frame, of the stated sigmas on each
-    axis of translation and rotation (as a rotation vector).
+    axis of translation and rotation (as a rotation vector), and the slow drift besides.
     """
     poses = truth.world_from_vehicle
     steps = invert(poses[:-1]) @ poses[1:]
     slip_m = noise.odometry_translation_m * rng.standard_normal((len(steps), 3))
     turn_rad = noise.odometry_rotation_rad * rng.standard_normal((len(steps), 3))
+    if drift is not None:
+        slow = wander(np.diff(truth.timestamps_s), drift.correlation_s, 6, rng)
+        slip_m += drift.translation_m * slow[:, :3]
+        turn_rad += drift.rotation_rad * slow[:, 3:]
     return Trajectory(
         truth.timestamps_s, chain_steps(poses[0], steps @ make_pose(slip_m, Rotation.from_rotvec(turn_rad)))
     )
+
+
+def wander(elapsed_s: FloatArray, correlation_s: float, axes: int, rng: np.random.Generator) -> FloatArray:
+    """Draw Gauss-Markov processes of unit variance: (N, axes) for (N,) times elapsed since the value before."""
+    keep = np.exp(-elapsed_s / correlation_s)
+    draws = rng.standard_normal((len(elapsed_s), axes))
+    values = draws.copy()
+    for index in range(1, len(values)):
+        values[index] = keep[index] * values[index - 1] + np.sqrt(1 - keep[index] ** 2) * draws[index]
+    return values
 
 
 def chain_steps(first: FloatArray, steps: FloatArray) -> FloatArray:

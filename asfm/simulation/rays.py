@@ -1,6 +1,6 @@
 """Rays over azimuth and elevation, and where they strike a mesh (Embree)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,8 @@ from asfm.sonar import SonarModel
 from asfm.types import FloatArray, ImageArray, IntArray
 
 GOLDEN = 0.6180339887498949
+BOUNCE_GAP_M = 1e-3
+"""How far a mirrored ray starts off its surface, so that it does not strike it again."""
 
 
 @dataclass(frozen=True)
@@ -20,8 +22,6 @@ class RayFan:
 
     direction: ImageArray
     """(3, N) unit vectors."""
-    upward: ImageArray
-    """(3, N) unit vectors in which the elevation grows: d direction / d elevation."""
     column: IntArray
     """(N,) beam that hears the ray."""
     elevation_rad: ImageArray
@@ -38,8 +38,14 @@ class Hits:
 
     range_m: ImageArray
     """(N,), the farthest range where nothing was struck."""
+    toward: ImageArray
+    """(N,) cosine between the ray and the face's outward normal, negative in front; zero where nothing was struck."""
+    upward: ImageArray
+    """(N,) cosine between the sonar's z axis and the face's outward normal; zero where nothing was struck."""
     normal: ImageArray
-    """(3, N) unit normals in the sonar frame, outward by the winding of the face; zero where nothing was struck."""
+    """(3, N) outward unit normals in the world's directions; zero where nothing was struck."""
+    place_m: ImageArray
+    """(3, N) in the world's directions, relative to the scene's middle."""
     face: NDArray[np.int32]
     """(N,) index of the face, -1 where nothing was struck."""
 
@@ -62,7 +68,6 @@ def make_ray_fan(sonar: SonarModel, rays_per_beam: int) -> RayFan:
     sin_b, cos_b, sin_e, cos_e = np.sin(bearing), np.cos(bearing), np.sin(elevation), np.cos(elevation)
     return RayFan(
         direction=_vectors(cos_e * cos_b, cos_e * sin_b, sin_e),
-        upward=_vectors(-sin_e * cos_b, -sin_e * sin_b, cos_e),
         column=np.repeat(np.arange(beams), rays_per_beam),
         elevation_rad=elevation.ravel().astype(np.float32),
         solid_angle_sr=(cos_e * step_rad * np.diff(edges)[:, None]).ravel().astype(np.float32),
@@ -82,6 +87,20 @@ def turn(rotation: ImageArray, vectors: ImageArray) -> ImageArray:
         turned[axis] += y * vectors[1]
         turned[axis] += z * vectors[2]
     return turned
+
+
+def _read_hits(found: dict[str, NDArray[Any]], origin: ImageArray, ahead: ImageArray, up: ImageArray) -> Hits:
+    """Read Embree's answer for rays from ``origin`` along ``ahead``, both (3, N) or (3, 1); ``up`` is (3,)."""
+    normal = np.ascontiguousarray(found["Ng"].T)
+    normal /= np.sqrt(np.einsum("ij,ij->j", normal, normal) + np.float32(1e-30))
+    return Hits(
+        range_m=found["tfar"],
+        toward=np.einsum("ij,ij->j", normal, ahead),
+        upward=np.einsum("ij,i->j", normal, up),
+        normal=normal,
+        place_m=ahead * found["tfar"] + origin,
+        face=found["primID"],
+    )
 
 
 class RayCaster:
@@ -113,19 +132,28 @@ class RayCaster:
             farthest_m: how far to look.
         """
         rotation = world_from_sonar[:3, :3].astype(np.float32)
-        origin = np.tile((world_from_sonar[:3, 3] - self._centre_m).astype(np.float32), (direction.shape[1], 1))
-        found = self.shoot(origin, np.ascontiguousarray(turn(rotation, direction).T), farthest_m)
-        return self.read_hits(found, rotation)
+        start = (world_from_sonar[:3, 3] - self._centre_m).astype(np.float32)
+        ahead = turn(rotation, direction)
+        origin = np.tile(start, (direction.shape[1], 1))
+        found = self.shoot(origin, np.ascontiguousarray(ahead.T), farthest_m)
+        return _read_hits(found, start[:, None], ahead, rotation[:, 2])
+
+    def bounce(self, world_from_sonar: FloatArray, hits: Hits, farthest_m: float) -> Hits:
+        """Follow every ray on from where it struck, mirrored, to the next surface.
+
+        Ranges run on from the first hit; rays that strike nothing again end at the farthest range.
+        """
+        start = (world_from_sonar[:3, 3] - self._centre_m).astype(np.float32)[:, None]
+        ahead = (hits.place_m - start) / hits.range_m
+        ahead -= 2 * hits.toward * hits.normal
+        origin = hits.place_m + np.float32(BOUNCE_GAP_M) * ahead
+        found = self.shoot(np.ascontiguousarray(origin.T), np.ascontiguousarray(ahead.T), farthest_m)
+        found["primID"][hits.face < 0] = -1
+        again = _read_hits(found, origin, ahead, world_from_sonar[:3, 2].astype(np.float32))
+        return replace(again, range_m=np.where(again.face < 0, farthest_m, hits.range_m + again.range_m))
 
     def shoot(self, origin: ImageArray, direction: ImageArray, farthest_m: float) -> dict[str, NDArray[Any]]:
         """Run Embree and nothing else: (N, 3) origins and directions, relative to the scene's middle."""
         limit = np.full(len(direction), farthest_m, dtype=np.float32)
         found: dict[str, NDArray[Any]] = self._scene.run(origin, direction, limit, output=True, query="INTERSECT")
         return found
-
-    @staticmethod
-    def read_hits(found: dict[str, NDArray[Any]], rotation: ImageArray) -> Hits:
-        """Turn Embree's answer into hits, with normals in the frame that (3, 3) ``rotation`` maps to the world's."""
-        normal = turn(rotation.T, np.ascontiguousarray(found["Ng"].T))
-        normal /= np.sqrt(np.einsum("ij,ij->j", normal, normal) + np.float32(1e-30))
-        return Hits(found["tfar"], normal, found["primID"])

@@ -9,6 +9,8 @@ from asfm.sonar import SonarModel
 from asfm.types import FloatArray, ImageArray
 
 FWHM_PER_SIGMA = 2.354820045
+SPECKLED = np.float32(0.002)
+"""Image value, half a count of eight bits, below which speckle cannot be seen."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +75,9 @@ def spread_beams(power: ImageArray, spread: PointSpread) -> ImageArray:
     """Smear a (ranges, beams) image of power along beams by the main lobe."""
     reach, columns = len(spread.lobe) // 2, power.shape[1]
     smeared = np.zeros((len(power), columns + 2 * reach), dtype=np.float32)
+    share = np.empty_like(power)
     for shift, weight in enumerate(spread.lobe):
-        smeared[:, shift : shift + columns] += weight * power
+        smeared[:, shift : shift + columns] += np.multiply(weight, power, out=share)
     return smeared[:, reach : reach + columns]
 
 
@@ -94,17 +97,34 @@ def leak_beams(power: ImageArray, spread: PointSpread) -> ImageArray:
 
 
 def add_noise(clean: ImageArray, sonar: ImagingSonar, model: SonarModel, rng: np.random.Generator) -> ImageArray:
-    """Lay speckle and background over a clean image.
+    """Lay speckle and background over a clean image, and take off the receiver's threshold.
 
-    Speckle is a gamma variate of mean 1 and standard deviation ``mult_sigma`` a pixel; the background is Rayleigh of
-    scale ``add_sigma``, the amplitude of complex Gaussian noise, drawn as the root of an exponential variate.
+    Speckle is a gamma variate of mean 1 and standard deviation ``mult_sigma`` a pixel; the background is Rayleigh, the
+    amplitude of complex Gaussian noise, drawn as the root of an exponential variate.
     """
     image = clean.copy()
     if sonar.mult_sigma:
         shape = np.float32(1 / sonar.mult_sigma**2)
-        image *= rng.standard_gamma(shape, clean.shape, dtype=np.float32) / shape
-    if sonar.add_sigma:
-        scale = sonar.add_sigma * (model.range_m / sonar.range_max) ** sonar.noise_range_exponent
+        seen = np.flatnonzero(clean > SPECKLED)  # a third of the image, as a rule
+        image.ravel()[seen] *= rng.standard_gamma(shape, len(seen), dtype=np.float32) / shape
+    if sonar.add_sigma or sonar.near_sigma:
         energy = rng.standard_exponential(clean.shape, dtype=np.float32)
-        image += np.sqrt(2 * energy) * scale.astype(np.float32)[:, None]
+        image += np.sqrt(2 * energy) * background_sigma(sonar, model)
+    if sonar.threshold:
+        image -= np.float32(sonar.threshold)
     return np.clip(image, 0, 1, out=image)
+
+
+def background_sigma(sonar: ImagingSonar, model: SonarModel) -> ImageArray:
+    """Give the background's Rayleigh scale: (ranges, 1), or (ranges, beams) with reverberation.
+
+    Reverberation comes from the water that the transmitter lights, so that it falls with range and off the axis.
+    """
+    receiver = sonar.add_sigma * (model.range_m[:, None] / sonar.range_max) ** sonar.noise_range_exponent
+    if not sonar.near_sigma:
+        return np.asarray(receiver, dtype=np.float32)
+    nearest_m = max(sonar.range_min, model.range_step_m)
+    water = sonar.near_sigma * (nearest_m / np.maximum(model.range_m[:, None], nearest_m)) ** sonar.near_exponent
+    off_axis = model.bearing_rad / np.abs(model.bearing_rad).max()
+    pattern = 10 ** (sonar.azimuth_edge_db * off_axis**2 / 10)
+    return np.asarray(np.sqrt(receiver**2 + water**2 * pattern), dtype=np.float32)

@@ -43,7 +43,7 @@ class ImagingSonar(BaseModel):
     range_sigma: float = Field(default=0.0, ge=0)
     """Mean of an exponential delay of single echoes, m."""
     multi_path: bool = False
-    """Add the second bounce."""
+    """Add the echoes that come by way of a mirror-like bounce."""
 
     name: str = "imaging sonar"
     rate_hz: float = Field(default=5.0, gt=0)
@@ -70,6 +70,14 @@ class ImagingSonar(BaseModel):
     """One-way absorption that the time-varying gain does not undo."""
     noise_range_exponent: float = 0.0
     """How the background's scale grows with range: (range / range_max) ** exponent."""
+    near_sigma: float = Field(default=0.0, ge=0)
+    """Rayleigh scale of the water's reverberation, at range_min and on the axis, added in power to the background."""
+    near_exponent: float = Field(default=1.0, ge=0)
+    """How reverberation falls with range: (range_min / range) ** exponent."""
+    threshold: float = Field(default=0.0, ge=0, lt=1)
+    """Image value that the sonar takes off every pixel, cutting what is below."""
+    multi_path_db: float = Field(default=-14.0, le=0)
+    """Power that two mirror-like bounces leave of a second-bounce echo."""
     gain: float | None = Field(default=None, gt=0)
     """Image units per root of echo density; set from the scene, as an operator would, where not given."""
 

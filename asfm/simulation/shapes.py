@@ -31,12 +31,12 @@ def wave_field(points_m: FloatArray, wavelength_m: tuple[float, float], rng: np.
 
 
 def texture(name: str, mesh: Mesh, level: float, rng: np.random.Generator) -> Scene:
-    """Give a mesh a reflectivity of mean about ``level`` that stays with it: patches, and grain from face to face."""
+    """Give a mesh a reflectivity of mean about ``level`` that stays with it: patches, facets and grain."""
     vertices_m, faces = mesh
     centres_m = vertices_m[faces].mean(axis=1)
     patches = 0.35 * wave_field(centres_m, (0.25, 1.5), rng) + 0.3 * wave_field(centres_m, (0.06, 0.25), rng)
-    grain = 0.35 * rng.standard_normal(len(faces))
-    return Scene(name, vertices_m, faces, level * np.exp(patches + grain - 0.15))
+    faceted = 0.15 * rng.standard_normal(len(faces))
+    return Scene(name, vertices_m, faces, level * np.exp(patches + faceted - 0.1), grain=0.45)
 
 
 def join_meshes(meshes: Sequence[Mesh]) -> Mesh:
