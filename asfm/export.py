@@ -14,7 +14,10 @@ from asfm.types import Landmarks, Trajectory
 RESULTS = FolderKind(
     name="results",
     marks=("report.json", "config.yaml"),
-    patterns=("trajectory.tum", "points.ply", "reconstruction.rrd", "report.json", "config.yaml", "evaluation.json"),
+    patterns=(
+        *("trajectory.tum", "points.ply", "reconstruction.rrd", "report.json", "config.yaml", "evaluation.json"),
+        ".evaluation.json.partial",  # asfm evaluate, stopped at the wrong moment
+    ),
 )
 """The folder that asfm run writes."""
 

@@ -1,0 +1,21 @@
+"""What the command line does, for Python to call as well: nothing here prints."""
+
+from asfm.commands.convert import convert_sequence
+from asfm.commands.demo import run_demo
+from asfm.commands.describe import describe_sequence
+from asfm.commands.evaluate import evaluate_folder
+from asfm.commands.report import RunSummary
+from asfm.commands.run import run_sequence
+from asfm.commands.simulate import simulate_to
+from asfm.commands.view import view_folder
+
+__all__ = [
+    "RunSummary",
+    "convert_sequence",
+    "describe_sequence",
+    "evaluate_folder",
+    "run_demo",
+    "run_sequence",
+    "simulate_to",
+    "view_folder",
+]

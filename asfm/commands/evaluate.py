@@ -1,0 +1,53 @@
+"""``asfm evaluate``: the quality of a folder of results."""
+
+from pathlib import Path
+
+from asfm.commands.report import read_report
+from asfm.datasets import open_sequence
+from asfm.datasets.tables import read_tum
+from asfm.errors import AsfmError
+from asfm.evaluation.summary import EvaluationTable, evaluate_sequence, evaluate_trajectory
+from asfm.export import write_report
+from asfm.types import Trajectory
+
+
+def evaluate_folder(folder: Path, reference: Path | None = None) -> EvaluationTable:
+    """Compare a run's trajectory with the truth and write evaluation.json beside it.
+
+    Args:
+        folder: what asfm run wrote; its report names the sequence, which knows true poses and odometry.
+        reference: a TUM file of true world_from_vehicle poses that stands in for the sequence's own.
+
+    Raises:
+        AsfmError: the folder, the sequence or the reference cannot be read, there is nothing to compare with, or
+            evaluation.json cannot be written.
+    """
+    source = Path(read_report(folder)["sequence"]["path"])
+    estimate = read_tum(folder / "trajectory.tum")
+    truth = read_tum(reference) if reference is not None else None
+    table = _compare(source, estimate, truth)
+    _replace_report(folder / "evaluation.json", table)
+    return table
+
+
+def _compare(source: Path, estimate: Trajectory, truth: Trajectory | None) -> EvaluationTable:
+    """Use all that the sequence knows; where it has gone, a reference is enough."""
+    try:
+        sequence = open_sequence(source)
+    except AsfmError as error:
+        if truth is None:
+            raise AsfmError(f"{error}; or give a reference trajectory (--reference)") from None
+        table = evaluate_trajectory(truth, None, estimate)
+        return EvaluationTable(table.rows, (*table.notes, f"Without the odometry's row: {error}."))
+    return evaluate_sequence(sequence, estimate, truth)
+
+
+def _replace_report(path: Path, table: EvaluationTable) -> None:
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        write_report(partial, table.as_dict())
+        partial.replace(path)
+    except OSError as error:
+        raise AsfmError(f"{path}: cannot write: {error.strerror}") from None
+    finally:
+        partial.unlink(missing_ok=True)

@@ -1,0 +1,79 @@
+"""``asfm run``: a sequence goes in, a folder of results comes out."""
+
+import time
+from contextlib import closing
+from pathlib import Path
+
+from asfm.commands.report import RunSummary, describe_run
+from asfm.config import Config, dump_config
+from asfm.datasets import open_sequence
+from asfm.errors import AsfmError
+from asfm.evaluation.summary import EvaluationTable, evaluate_sequence
+from asfm.export import RESULTS, write_points, write_report, write_trajectory
+from asfm.folders import atomic_folder
+from asfm.recorder import NullRecorder, Recorder
+from asfm.sequence import Sequence
+from asfm.stages import Progress, no_progress
+from asfm.types import Trajectory
+
+
+def run_sequence(
+    path: Path,
+    output: Path,
+    config: Config | None = None,
+    recording: bool = True,
+    overwrite: bool = False,
+    progress: Progress = no_progress,
+) -> RunSummary:
+    """Reconstruct a sequence and write all results; the output folder appears only when it is whole.
+
+    Args:
+        path: folder or file of any format that is read.
+        output: gets trajectory.tum, points.ply, report.json, config.yaml, reconstruction.rrd if it is to be recorded,
+            and evaluation.json if the sequence knows its true poses or hand-tracked points.
+        config: every setting; the defaults without one.
+        recording: make reconstruction.rrd for the viewer.
+        overwrite: replace results that are there.
+        progress: told how far each stage is.
+
+    Raises:
+        AsfmError: the sequence cannot be read, or the output folder cannot be written.
+    """
+    from asfm.pipeline import reconstruct  # loads GTSAM
+
+    begin_s = time.perf_counter()
+    config = config or Config()
+    sequence = open_sequence(path)
+    with atomic_folder(output, RESULTS, overwrite) as folder:
+        with closing(_make_recorder(folder / "reconstruction.rrd", sequence, recording)) as recorder:
+            run = reconstruct(sequence, config, recorder, progress)
+        result = run.reconstruction
+        evaluation, remarks = _evaluate(sequence, result.trajectory)
+        write_trajectory(folder / "trajectory.tum", result.trajectory)
+        write_points(folder / "points.ply", result.landmarks)
+        (folder / "config.yaml").write_text(dump_config(config), encoding="utf-8")
+        if evaluation is not None:
+            write_report(folder / "evaluation.json", evaluation.as_dict())
+        warnings = tuple(dict.fromkeys((*sequence.warnings, *result.warnings, *remarks)))
+        wall_s = time.perf_counter() - begin_s
+        summary = RunSummary(output, path, sequence, result, run.stages, warnings, evaluation, wall_s)
+        write_report(folder / "report.json", describe_run(summary, config))
+    return summary
+
+
+def _make_recorder(path: Path, sequence: Sequence, recording: bool) -> Recorder:
+    if not recording:
+        return NullRecorder()
+    from asfm.visualization import RerunRecorder
+
+    return RerunRecorder(path, sequence)
+
+
+def _evaluate(sequence: Sequence, estimate: Trajectory) -> tuple[EvaluationTable | None, tuple[str, ...]]:
+    """Compare with what the sequence knows, or say why that cannot be: no reason to throw the results away."""
+    if sequence.groundtruth is None and sequence.hand_tracks is None:
+        return None, ()
+    try:
+        return evaluate_sequence(sequence, estimate), ()
+    except AsfmError as error:
+        return None, (f"Not evaluated: {error}.",)

@@ -1,0 +1,51 @@
+"""What the commands give, as lines of text for a terminal."""
+
+from collections.abc import Iterable, Sequence
+
+from asfm.commands.report import RunSummary
+from asfm.evaluation.summary import EvaluationTable
+
+
+def align(rows: Iterable[Sequence[str]], numbers: Sequence[int] = ()) -> list[str]:
+    """Align columns, those of numbers to the right; nothing is cut, however narrow the terminal."""
+    rows = list(rows)
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = []
+    for row in rows:
+        cells = enumerate(zip(row, widths, strict=True))
+        lines.append("  ".join(cell.rjust(width) if n in numbers else cell.ljust(width) for n, (cell, width) in cells))
+    return [line.rstrip() for line in lines]
+
+
+def describe_results(summary: RunSummary) -> list[str]:
+    """Tell what each stage took and made, how far the run is from the truth, and where the results are."""
+    rows = [("stage", "s", "peak MB", "made")]
+    for stage in summary.stages:
+        made = ", ".join(f"{count:,g} {name}" for name, count in stage.counts.items())
+        rows.append((stage.name, f"{stage.wall_s:.2f}", f"{stage.peak_memory_mb:.0f}", made))
+    lines = align(rows, numbers=(1, 2))
+    lines.append(f"{len(summary.sequence)} frames of {summary.sequence.name} in {summary.wall_s:.1f} s")
+    for row in summary.evaluation.rows if summary.evaluation is not None else ():
+        if row.name.startswith("ATE RMSE,"):
+            beside = "" if row.odometry is None else f"; the odometry's {row.odometry:.4f} {row.unit}"
+            ratio = "" if row.ratio is None else f", ratio {row.ratio:.2f}"
+            lines.append(f"{row.name}: {row.value:.4f} {row.unit}{beside}{ratio}")
+    lines.append(f"results: {summary.folder}")
+    if (summary.folder / "reconstruction.rrd").is_file():
+        lines.append(f"look at them with: asfm view {summary.folder}")
+    return lines
+
+
+def describe_errors(table: EvaluationTable) -> list[str]:
+    """Set every measure of a run beside the odometry's own, and say what limits the comparison."""
+    rows = [("measure", "run", "unit", "odometry", "ratio")]
+    for row in table.rows:
+        digits = 0 if row.unit == "poses" else 4
+        rows.append(
+            (row.name, _show(row.value, digits), row.unit, _show(row.odometry, digits), _show(row.ratio, digits=2))
+        )
+    return align(rows, numbers=(1, 3, 4)) + [f"note: {note}" for note in table.notes]
+
+
+def _show(value: float | None, digits: int) -> str:
+    return "" if value is None else f"{value:.{digits}f}"
