@@ -185,9 +185,11 @@ def average_elevation(echoes: Echoes, shape: tuple[int, int]) -> FloatArray:
     power = np.concatenate([echoes.power * (1 - position + upper), echoes.power * (position - upper)]).astype(float)
     elevation = np.tile(echoes.elevation_rad.astype(float), 2)
     size = (rows + 3) * columns
+    greatest = np.zeros(size)
+    np.maximum.at(greatest, pixel, power)
+    leading = power == greatest[pixel]
     strongest = np.zeros(size)
-    order = np.argsort(power, kind="stable")
-    strongest[pixel[order]] = elevation[order]  # of equal indices the last, strongest, stays
+    strongest[pixel[leading]] = elevation[leading]
     near = np.abs(elevation - strongest[pixel]) <= SAME_SURFACE_RAD
     weight = np.bincount(pixel[near], power[near], size)
     total = np.bincount(pixel[near], (power * elevation)[near], size)

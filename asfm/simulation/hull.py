@@ -51,7 +51,7 @@ def _make_plating(rng: np.random.Generator) -> Mesh:
     dent = 0.006 * np.sin(2 * np.pi * along / 0.75) * np.sin(8 * np.pi * around)
     weld = np.where((along % 2.4 < STEP_M) | (np.abs((around * 4) % 1 - 0.5) < 0.012), 0.012, 0.0)
     skin[..., 2] -= dent + weld + 0.002 * rng.standard_normal(dent.shape)
-    return skin.reshape(-1, 3), grid_faces(rows, columns)[:, ::-1]
+    return skin.reshape(-1, 3), grid_faces(rows, columns)
 
 
 def _make_fittings(rng: np.random.Generator) -> list[Scene]:

@@ -17,7 +17,6 @@ from asfm.simulation.shapes import (
     texture,
     wave_field,
 )
-from asfm.types import FloatArray
 
 LENGTH_M = 26.0
 HEIGHT_M = 5.0
@@ -48,13 +47,7 @@ def _make_wall(rng: np.random.Generator) -> Mesh:
     joint = (up_m % 0.62 < 0.05) | ((along_m + LENGTH_M / 2 + offset) % 1.1 < 0.05)
     out_m = np.where(joint, -0.05, out_m) + 0.008 * wave_field(vertices_m[:, :2], (0.1, 0.6), rng)
     # A sheet that faces up, stood on edge: its x runs up the wall, its normal points to -x.
-    wall = np.stack([WALL_X_M - out_m, along_m, up_m], axis=-1)
-    return wall, faces[:, ::-1] if _normal_x(wall, faces) > 0 else faces
-
-
-def _normal_x(vertices_m: FloatArray, faces: np.ndarray) -> float:
-    a, b, c = vertices_m[faces[0]]
-    return float(np.cross(b - a, c - a)[0])
+    return np.stack([WALL_X_M - out_m, along_m, up_m], axis=-1), faces
 
 
 def _make_piles(rng: np.random.Generator) -> list[Scene]:

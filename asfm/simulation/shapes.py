@@ -149,4 +149,4 @@ def make_pipe(
     reach = radius_m + growth.reshape(sides + 1, rings, 1)
     reach[-1] = reach[0]
     reach[:, [0, -1]] *= 1e-3  # the caps
-    return (centre + reach * out).reshape(-1, 3), grid_faces(sides + 1, rings)[:, ::-1]
+    return (centre + reach * out).reshape(-1, 3), grid_faces(sides + 1, rings)

@@ -8,7 +8,7 @@ from asfm.simulation.scene import Scene
 from asfm.types import FloatArray, ImageArray
 
 DIRECTIONS = 128
-BACK_SIDES = 0.4
+BACK_SIDES = 0.3
 """Share of all directions that may meet the back of a face; a sonar in a solid, or under the ground, meets more."""
 COARSE = 29
 """Every so manyth ray tells whether there is anything in view."""

@@ -46,7 +46,7 @@ def _make_half(rng: np.random.Generator) -> list[tuple[Mesh, float]]:
         skin = _section(along, around, shrink_m).reshape(-1, 3)
         faces = grid_faces(rows, columns)
         kept = _keep_planks(skin[faces].mean(axis=1), holes)
-        pieces.append(((skin, faces[kept][:, ::-1] if outward else faces[kept]), 0.6))
+        pieces.append(((skin, faces[kept] if outward else faces[kept][:, ::-1]), 0.6))
     for rib in np.linspace(0.05, 0.9, RIBS):
         line = _section(np.full(24, rib), np.linspace(-0.98, 0.98, 24), 0.12)
         pieces.append((make_pipe(line, 0.05, rng, rough_m=0.005), 0.9))
@@ -61,7 +61,8 @@ def _keep_planks(centre_m: FloatArray, holes: BoolArray) -> BoolArray:
     """Tell which faces are left: planks are missing in the same places inside and out."""
     strake = (centre_m[:, 2] / STRAKE_M).astype(int)
     plank = (centre_m[:, 0] / 0.9 + 0.37 * strake).astype(int)
-    return np.logical_not(holes[strake % holes.shape[0], plank % holes.shape[1], (centre_m[:, 1] > 0).astype(int)])
+    whole: BoolArray = ~holes[strake % holes.shape[0], plank % holes.shape[1], (centre_m[:, 1] > 0).astype(int)]
+    return whole
 
 
 def _make_litter(rng: np.random.Generator) -> list[Scene]:
