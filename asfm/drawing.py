@@ -1,5 +1,6 @@
 """The geometry, colours and words of what is drawn of a run, whoever draws it."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -8,22 +9,77 @@ from numpy.typing import NDArray
 from asfm.poses import interpolate, invert
 from asfm.sequence import Sequence
 from asfm.sonar import SonarModel, back_project
-from asfm.types import BoolArray, FloatArray, IntArray, Reconstruction, Tracks, Trajectory
+from asfm.types import BoolArray, FloatArray, Frame, IntArray, Landmarks, Reconstruction, Tracks, Trajectory
 
-MASK = (64, 255, 128)
+Picture = NDArray[Any]
+JPEG_QUALITY = 60
+KEYPOINT, MATCH, MASK = (255, 214, 64), (255, 64, 200), (64, 255, 128)
+LINES = {"estimate": (64, 180, 255), "odometry": (255, 120, 80), "groundtruth": (70, 220, 110)}
+LINE_NAMES = {"estimate": "estimate blue", "odometry": "odometry orange", "groundtruth": "ground truth green"}
+ARC, FRUSTUM = (150, 150, 170, 50), (110, 130, 150)
+VIEW_TANGENTS = (0.65, 0.43)
+"""Half the width and height that a scene takes up at unit distance: 55 degrees of view, less a margin."""
 SHEET_SHAPE = (128, 64)
 """(ranges, beams) of the small picture that hangs in the 3-D view."""
 
 
-def anchor_trajectory(trajectory: Trajectory, estimate: Trajectory) -> FloatArray:
+@dataclass(frozen=True)
+class PolarGrid:
+    """The polar image as it is, with the methods of a fan."""
+
+    sonar: SonarModel
+
+    def pixel_at(self, range_m: FloatArray, bearing_rad: FloatArray) -> FloatArray:
+        """Place (range, bearing) in the picture: (..., 2) fractional column and row."""
+        return np.stack([self.sonar.column_at_bearing(bearing_rad), self.sonar.row_at_range(range_m)], axis=-1)
+
+    def draw(self, image: Picture) -> Picture:
+        """Return the polar image itself."""
+        return image
+
+
+def brighten_image(frame: Frame) -> NDArray[np.uint8]:
+    """Make grey values of echoes: they span orders of magnitude, and the square root brings the weak ones up."""
+    visible = np.sqrt(np.where(frame.invalid, 0.0, np.clip(frame.image, 0, 1)))
+    return np.asarray(255 * visible).astype(np.uint8)
+
+
+def encode_picture(kind: str, picture: Picture) -> bytes:
+    """Compress a grey or BGRA picture as jpeg or png, quickly rather than well."""
+    import cv2
+
+    quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY] if kind == "jpeg" else [cv2.IMWRITE_PNG_COMPRESSION, 1]
+    return bytes(cv2.imencode(f".{kind}", picture, quality)[1])
+
+
+def anchor_lines(sequence: Sequence, estimate: Trajectory) -> dict[str, Trajectory]:
+    """Gather the trajectories that there are, all from the estimate's first pose, by their names in LINES."""
+    named = {"estimate": estimate, "odometry": sequence.odometry, "groundtruth": sequence.groundtruth}
+    lines = {name: anchor_trajectory(line, estimate) for name, line in named.items() if line is not None}
+    return {name: line for name, line in lines.items() if len(line.timestamps_s)}
+
+
+def anchor_trajectory(trajectory: Trajectory, estimate: Trajectory) -> Trajectory:
     """Sample a trajectory at the estimate's stamps that it covers, moved so that both agree at the first of them."""
     stamps_s = estimate.timestamps_s
     stamps_s = stamps_s[(stamps_s >= trajectory.timestamps_s[0]) & (stamps_s <= trajectory.timestamps_s[-1])]
     if not len(stamps_s):
-        return np.zeros((0, 4, 4))
+        return Trajectory(stamps_s, np.zeros((0, 4, 4)))
     poses = interpolate(trajectory.timestamps_s, trajectory.world_from_vehicle, stamps_s)
     start = interpolate(estimate.timestamps_s, estimate.world_from_vehicle, stamps_s[:1])
-    return np.asarray(start @ invert(poses[:1]) @ poses)
+    return Trajectory(stamps_s, start @ invert(poses[:1]) @ poses)
+
+
+def measure_drift(trajectory: Trajectory, groundtruth: Trajectory) -> tuple[FloatArray, FloatArray]:
+    """Measure how far a trajectory strays from the truth when both begin alike.
+
+    Returns:
+        The (N,) stamps of the trajectory that the truth covers, and the (N,) distances there in m.
+    """
+    truth = anchor_trajectory(groundtruth, trajectory)
+    covered = np.isin(trajectory.timestamps_s, truth.timestamps_s)
+    gap_m = trajectory.world_from_vehicle[covered, :3, 3] - truth.world_from_vehicle[:, :3, 3]
+    return truth.timestamps_s, np.linalg.norm(gap_m, axis=1)
 
 
 def outline_frustum(sonar: SonarModel) -> list[FloatArray]:
@@ -49,7 +105,7 @@ def tessellate_sheet(sonar: SonarModel) -> dict[str, Any]:
     }
 
 
-def shrink_picture(picture: NDArray[np.uint8]) -> bytes:
+def shrink(picture: NDArray[np.uint8]) -> bytes:
     """Make the small RGB texture of the sheet out of a polar picture."""
     import cv2
 
@@ -57,18 +113,42 @@ def shrink_picture(picture: NDArray[np.uint8]) -> bytes:
     return np.repeat(small[..., None], 3, axis=-1).tobytes()
 
 
-def choose_view(sonar: SonarModel, world_from_sonar: FloatArray, seen_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Choose (eye, target): from behind, above and beside the path, far enough for the viewer's 55 degrees of view."""
+@dataclass(frozen=True)
+class Outlook:
+    """From where to look at a reconstruction."""
+
+    eye_m: FloatArray
+    """(3,)"""
+    target_m: FloatArray
+    """(3,)"""
+    floor_m: float
+    """Height under the scene for a grid."""
+
+
+def choose_view(sonar: SonarModel, world_from_sonar: FloatArray, seen_m: FloatArray) -> Outlook:
+    """Look from behind, above and beside the path, as near as path and scene allow; a few outliers are let go."""
     path_m = world_from_sonar[:, :3, 3]
     if not len(seen_m):  # nothing found: show how far the sonar looked
         seen_m = path_m + sonar.range_m[-1] * world_from_sonar[:, :3, 0]
-    scene_m = np.concatenate([path_m, np.percentile(seen_m, [2, 98], axis=0)])
-    low, high = scene_m.min(axis=0), scene_m.max(axis=0)
+    box_m = np.concatenate([path_m, np.percentile(seen_m, [2, 98], axis=0)])
+    low_m, high_m = box_m.min(axis=0), box_m.max(axis=0)
+    target_m = (low_m + high_m) / 2
     ahead = world_from_sonar[:, :2, 0].mean(axis=0)
     ahead = ahead / np.hypot(*ahead) if np.hypot(*ahead) > 1e-6 else np.array([1.0, 0.0])  # the latter looks down
-    direction = np.array([-ahead[0] - 0.6 * ahead[1], -ahead[1] + 0.6 * ahead[0], 0.9])
-    target = (low + high) / 2
-    return target + float(np.linalg.norm(high - low)) * 0.6 * direction, target
+    backward = np.array([-ahead[0] - 0.6 * ahead[1], -ahead[1] + 0.6 * ahead[0], 0.9])
+    backward /= np.linalg.norm(backward)
+    needed_m = [_distance_to_see(points_m - target_m, backward) for points_m in (path_m, seen_m)]
+    distance_m = max(float(needed_m[0].max()), float(np.quantile(needed_m[1], 0.95)))
+    return Outlook(target_m + distance_m * backward, target_m, float(low_m[2]))
+
+
+def _distance_to_see(offset_m: FloatArray, backward: FloatArray) -> FloatArray:
+    """Find how far an eye must back off from its target to have points at (N, 3) offsets from it in view: (N,)."""
+    right = np.array([-backward[1], backward[0], 0.0])
+    right /= np.linalg.norm(right)
+    up = np.cross(backward, right)
+    sides = np.stack([np.abs(offset_m @ right) / VIEW_TANGENTS[0], np.abs(offset_m @ up) / VIEW_TANGENTS[1]])
+    return np.asarray(offset_m @ backward + sides.max(axis=0))
 
 
 def tint_mask(mask: BoolArray) -> NDArray[np.uint8]:
@@ -88,6 +168,12 @@ def pair_steps(tracks: Tracks, xy_px: FloatArray) -> FloatArray:
     return np.stack([xy_px[np.where(tracks.track[before] == tracks.track, before, here)], xy_px], axis=1)
 
 
+def split_by_frame(tracks: Tracks, frame_count: int) -> list[IntArray]:
+    """Give the indices of each frame's observations."""
+    by_frame = np.argsort(tracks.frame, kind="stable")
+    return np.split(by_frame, np.searchsorted(tracks.frame[by_frame], np.arange(1, frame_count)))
+
+
 def choose_hues(number: IntArray) -> NDArray[np.uint8]:
     """Give each number a hue of its own, far from its neighbours' (steps of the golden ratio): (N, 3)."""
     phase = number[:, None] * 0.618034 + np.array([0.0, 1 / 3, 2 / 3])
@@ -105,19 +191,28 @@ def colour_heights(z_m: FloatArray) -> NDArray[np.uint8]:
     return np.asarray(cv2.applyColorMap((255 * level).astype(np.uint8), cv2.COLORMAP_TURBO)[:, 0, ::-1])
 
 
+def name_points(landmarks: Landmarks, which: BoolArray) -> list[str]:
+    """Say of some landmarks what a point alone does not show."""
+    rows = zip(landmarks.track[which], landmarks.views[which], landmarks.sigma_m[which], strict=True)
+    return [f"track {track}: {views} views, sigma {sigma_m:.3f} m" for track, views, sigma_m in rows]
+
+
 def summarise_run(sequence: Sequence, reconstruction: Reconstruction) -> str:
-    """Write the counts of a run and the meaning of the colours as Markdown."""
+    """Write the counts of a run, its warnings and the meaning of the colours as Markdown."""
     landmarks, poses = reconstruction.landmarks, reconstruction.trajectory.world_from_vehicle
     length_m = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).sum()
     good = landmarks.well_constrained
-    spread = f" with a median sigma of {np.median(landmarks.sigma_m[good]):.3f} m" if good.any() else ""
+    spread = f" (median sigma {np.median(landmarks.sigma_m[good]):.3f} m)" if good.any() else ""
+    low_m, high_m = np.percentile(landmarks.xyz_m[good, 2], [2, 98]) if good.any() else (0.0, 0.0)
+    heights = f" from {low_m:.2f} m (blue) to {high_m:.2f} m (red)" if good.any() else ""
+    warnings = [*sequence.warnings, *reconstruction.warnings]
     return "\n\n".join(
         [
             f"**{sequence.name}** ({sequence.sonar.name}): {len(sequence)} frames, path of {length_m:.2f} m, "
             f"{reconstruction.tracks.count} tracks, {len(landmarks)} landmarks, {good.sum()} well constrained{spread}",
-            "**Images**: green mask of echoes, yellow keypoints, magenta matches with the frame before, tails of "
-            "tracks; port is on the fan's left",
-            "**World**: blue estimate, orange odometry, green ground truth, from the same first pose; points coloured "
-            "by height, larger while in view; grey arcs where the motion leaves the elevation open",
+            "\n".join(f"- **Warning:** {' '.join(text.split())}" for text in warnings) or "No warnings.",
+            "**Images**: echoes green, keypoints yellow, matches with the frame before magenta; port is left.",
+            f"**World**: points coloured by height{heights}, larger while in view; hover to read sigma. Grey arcs: the "
+            "motion leaves their elevation open. All trajectories start from one pose.",
         ]
     )

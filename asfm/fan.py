@@ -35,8 +35,10 @@ class FanGrid:
     """x of the picture's top edge."""
 
     @classmethod
-    def fit(cls, sonar: SonarModel, width_px: int) -> "FanGrid":
+    def fit(cls, sonar: SonarModel, width_px: int, max_height_px: int | None = None) -> "FanGrid":
         """Fit a fan of a given width around everything that a sonar sees, the sonar itself included.
+
+        Where that would be higher than a limit, the fan is made as narrow as that takes.
 
         Raises:
             AsfmError: the width is not positive, or the fan would be taller than OpenCV can draw.
@@ -47,6 +49,8 @@ class FanGrid:
         left_m = float(np.abs(y).max())
         pixel_m = 2 * left_m / width_px
         height_px = int(np.ceil((x.max() - x.min()) / pixel_m - 1e-9))
+        if max_height_px is not None and height_px > max_height_px:
+            return cls.fit(sonar, max(width_px * max_height_px // height_px, 1))
         if max(width_px, height_px) > _LARGEST_SIDE_PX:
             raise AsfmError(
                 f"fan image: {width_px} x {height_px} px is more than {_LARGEST_SIDE_PX} px a side; ask for a width of "

@@ -6,7 +6,7 @@ the back-end made of it. Radii below zero are Rerun's way to say "this many poin
 
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Iterable
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -14,19 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from asfm.drawing import (
-    SHEET_SHAPE,
-    anchor_trajectory,
-    choose_hues,
-    choose_view,
-    colour_heights,
-    outline_frustum,
-    pair_steps,
-    shrink_picture,
-    summarise_run,
-    tessellate_sheet,
-    tint_mask,
-)
+from asfm import drawing
 from asfm.errors import AsfmError
 from asfm.fan import FanGrid
 from asfm.sequence import Sequence
@@ -35,11 +23,7 @@ from asfm.types import BoolArray, FloatArray, Frame, Keypoints, Landmarks, Match
 
 FAN_WIDTH_PX, FAN_HEIGHT_PX = 600, 1000
 """The width of a fan, unless a narrow sonar would make it higher than that."""
-JPEG_QUALITY = 60
 TAIL_FRAMES = 10
-KEYPOINT, MATCH = (255, 214, 64), (255, 64, 200)
-ESTIMATE, TRUTH, ODOMETRY = (64, 180, 255), (70, 220, 110), (255, 120, 80)
-ARC, FRUSTUM = (150, 150, 170, 50), (110, 130, 150)
 SHEET_OPACITY = 110
 """Of the picture that hangs in the 3-D view, of 255."""
 
@@ -67,13 +51,9 @@ class RerunRecorder:
         self._rr: Any = rerun
         self._stamps_s = sequence.timestamps_s
         sonar = sequence.sonar
-        fan = FanGrid.fit(sonar, FAN_WIDTH_PX)
-        if fan.height_px > FAN_HEIGHT_PX:
-            fan = FanGrid.fit(sonar, max(FAN_WIDTH_PX * FAN_HEIGHT_PX // fan.height_px, 1))
-        self._draw: dict[str, Callable[[NDArray[Any]], NDArray[Any]]] = {"fan": fan.draw, "polar": lambda image: image}
-        self._place: dict[str, Callable[[FloatArray, FloatArray], FloatArray]] = {
-            "fan": fan.pixel_at,
-            "polar": lambda r, b: np.stack([sonar.column_at_bearing(b), sonar.row_at_range(r)], axis=-1),
+        self._grids: dict[str, FanGrid | drawing.PolarGrid] = {
+            "fan": FanGrid.fit(sonar, FAN_WIDTH_PX, FAN_HEIGHT_PX),
+            "polar": drawing.PolarGrid(sonar),
         }
         self._stream = rerun.RecordingStream(
             "asfm",
@@ -87,70 +67,80 @@ class RerunRecorder:
         self._stream.save(path)
         self._stream.send_recording_name(sequence.name)
         self._log("world", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        self._send_blueprint(sonar, np.eye(4)[None], np.zeros((0, 3)))
+        self._name_curves("counts", {"keypoints": drawing.KEYPOINT, "matches": drawing.MATCH, "tracks": drawing.MASK})
+        self._send_blueprint(drawing.choose_view(sonar, np.eye(4)[None], np.zeros((0, 3))))
 
     def record_frame(self, frame: Frame, mask: BoolArray, keypoints: Keypoints) -> None:
         """Draw image, mask and keypoints on the fan and on the polar image."""
         self._set_frame(frame.index)
-        # Echoes span orders of magnitude: the square root brings the weak ones up.
-        visible = np.sqrt(np.where(frame.invalid, 0.0, np.clip(frame.image, 0, 1)))
-        picture = (255 * visible).astype(np.uint8)
-        self._log("world/sonar/image", self._rr.Mesh3D.from_fields(albedo_texture_buffer=shrink_picture(picture)))
-        for view, draw in self._draw.items():
-            self._log(f"{view}/image", self._encode("jpeg", draw(picture)))
-            self._log(f"{view}/mask", self._encode("png", tint_mask(draw(mask)), draw_order=1.0))
-            xy_px = self._place[view](keypoints.range_m, keypoints.bearing_rad)
-            self._log(f"{view}/keypoints", self._rr.Points2D(xy_px, colors=KEYPOINT, radii=-1.5))
+        picture = drawing.brighten_image(frame)
+        self._log("world/sonar/image", self._rr.Mesh3D.from_fields(albedo_texture_buffer=drawing.shrink(picture)))
+        for view, grid in self._grids.items():
+            self._log(f"{view}/image", self._encode("jpeg", grid.draw(picture)))
+            self._log(f"{view}/mask", self._encode("png", drawing.tint_mask(grid.draw(mask)), draw_order=1.0))
+            xy_px = grid.pixel_at(keypoints.range_m, keypoints.bearing_rad)
+            self._log(f"{view}/keypoints", self._rr.Points2D(xy_px, colors=drawing.KEYPOINT, radii=-1.5))
+        self._log("counts/keypoints", self._rr.Scalars(len(keypoints)))
 
     def record_matches(self, frame_a: Keypoints, frame_b: Keypoints, matches: Matches) -> None:
         """Draw each match on the later frame as a line from the old position to the new one."""
         self._set_frame(matches.frame_b)
         pairs = (frame_a, matches.index[:, 0]), (frame_b, matches.index[:, 1])
-        for view, place in self._place.items():
-            ends = [place(keypoints.range_m[which], keypoints.bearing_rad[which]) for keypoints, which in pairs]
-            self._log(f"{view}/matches", self._rr.LineStrips2D(np.stack(ends, axis=1), colors=MATCH, radii=-1.0))
+        for view, grid in self._grids.items():
+            ends = [grid.pixel_at(found.range_m[which], found.bearing_rad[which]) for found, which in pairs]
+            lines = self._rr.LineStrips2D(np.stack(ends, axis=1), colors=drawing.MATCH, radii=-1.0)
+            self._log(f"{view}/matches", lines)
+        self._log("counts/matches", self._rr.Scalars(len(matches)))
 
     def record_reconstruction(self, sequence: Sequence, reconstruction: Reconstruction) -> None:
-        """Draw trajectories, landmarks and tracks, and write the summary and the warnings."""
+        """Draw trajectories, landmarks and tracks, and write the summary."""
         landmarks = reconstruction.landmarks
         world_from_sonar = reconstruction.trajectory.world_from_vehicle @ sequence.vehicle_from_sonar
-        self._log_trajectories(sequence, reconstruction.trajectory)
+        lines = self._log_trajectories(sequence, reconstruction.trajectory)
         self._log_sonar(sequence.sonar, world_from_sonar)
         self._log_map(reconstruction.tracks, landmarks)
-        summary = self._rr.TextDocument(summarise_run(sequence, reconstruction), media_type="text/markdown")
+        summary = self._rr.TextDocument(drawing.summarise_run(sequence, reconstruction), media_type="text/markdown")
         self._log("summary", summary, static=True)
-        self._set_frame(0)
-        warnings = [(text, "WARN") for text in (*sequence.warnings, *reconstruction.warnings)]
-        for text, level in warnings or [("No warnings.", "INFO")]:
-            self._log("warnings", self._rr.TextLog(text, level=level))
-        self._send_blueprint(sequence.sonar, world_from_sonar, landmarks.xyz_m[landmarks.well_constrained])
+        outlook = drawing.choose_view(sequence.sonar, world_from_sonar, landmarks.xyz_m[landmarks.well_constrained])
+        self._send_blueprint(outlook, lines)
 
     def close(self) -> None:
         """Write what is still buffered and close the file."""
         self._stream.flush()
         self._stream.disconnect()
 
-    def _log_trajectories(self, sequence: Sequence, estimate: Trajectory) -> None:
-        """Draw the lines as a whole, and the estimate's once more, step by step as time goes on."""
-        lines = {"estimate": (estimate, ESTIMATE), "odometry": (sequence.odometry, ODOMETRY)}
-        for name, (trajectory, colour) in (lines | {"groundtruth": (sequence.groundtruth, TRUTH)}).items():
-            xyz_m = anchor_trajectory(trajectory, estimate)[:, :3, 3] if trajectory is not None else np.zeros((0, 3))
-            if len(xyz_m):
-                self._log(f"world/{name}", self._lines_3d([xyz_m], colour, -1.0), static=True)
+    def _log_trajectories(self, sequence: Sequence, estimate: Trajectory) -> list[str]:
+        """Draw the lines as a whole, the estimate's once more step by step, and how far each is from the truth.
+
+        Returns:
+            The names of the lines that could be drawn.
+        """
+        lines = drawing.anchor_lines(sequence, estimate)
+        for name, line in lines.items():
+            strip = self._lines_3d([line.world_from_vehicle[:, :3, 3]], drawing.LINES[name], -1.0)
+            self._log(f"world/{name}", strip, static=True)
+            if "groundtruth" in lines and name != "groundtruth":
+                self._name_curves("drift", {name: drawing.LINES[name]})
+                self._log_curve(f"drift/{name}", *drawing.measure_drift(line, lines["groundtruth"]))
         xyz_m = estimate.world_from_vehicle[:, :3, 3]
         for index in range(1, len(xyz_m)):
             self._set_frame(index)
-            self._log("world/so_far", self._lines_3d([xyz_m[index - 1 : index + 1]], ESTIMATE, -1.8))
+            step = self._lines_3d([xyz_m[index - 1 : index + 1]], drawing.LINES["estimate"], -1.8)
+            self._log("world/so_far", step)
+        return list(lines)
 
     def _log_sonar(self, sonar: SonarModel, world_from_sonar: FloatArray) -> None:
         """Draw what the sonar sees as a wire frame, the image on the sheet of zero elevation, and move both."""
-        rr, size = self._rr, {"height": SHEET_SHAPE[0], "width": SHEET_SHAPE[1]}
-        self._log("world/sonar/frustum", self._lines_3d(outline_frustum(sonar), FRUSTUM, -0.7), static=True)
-        self._log("world/sonar/origin", rr.Points3D([[0.0, 0.0, 0.0]], colors=ESTIMATE, radii=-5.0), static=True)
-        layout = rr.components.ImageFormat(**size, color_model="RGB", channel_datatype="U8")
+        rr, (height, width) = self._rr, drawing.SHEET_SHAPE
+        outline = self._lines_3d(drawing.outline_frustum(sonar), drawing.FRUSTUM, -0.7)
+        origin = rr.Points3D([[0.0, 0.0, 0.0]], colors=drawing.LINES["estimate"], radii=-5.0)
         sheet = rr.Mesh3D.from_fields(
-            **tessellate_sheet(sonar), albedo_texture_format=layout, albedo_factor=(255, 255, 255, SHEET_OPACITY)
+            **drawing.tessellate_sheet(sonar),
+            albedo_texture_format=rr.components.ImageFormat(width, height, color_model="RGB", channel_datatype="U8"),
+            albedo_factor=(255, 255, 255, SHEET_OPACITY),
         )
+        self._log("world/sonar/frustum", outline, static=True)
+        self._log("world/sonar/origin", origin, static=True)
         self._log("world/sonar/image", sheet, static=True)
         for index, pose in enumerate(world_from_sonar):
             self._set_frame(index)
@@ -159,24 +149,31 @@ class RerunRecorder:
     def _log_map(self, tracks: Tracks, landmarks: Landmarks) -> None:
         """Draw well constrained points by height, larger while in view, the others' arcs, and the tracks on the fan."""
         good = landmarks.well_constrained
-        xyz_m, colours = landmarks.xyz_m[good], colour_heights(landmarks.xyz_m[good, 2])
-        self._log("world/points", self._rr.Points3D(xyz_m, colors=colours, radii=-2.0), static=True)
-        self._log("world/arcs", self._lines_3d(landmarks.arc_m[~good], ARC, -0.7), static=True)
+        xyz_m, colours = landmarks.xyz_m[good], drawing.colour_heights(landmarks.xyz_m[good, 2])
+        hints = {"labels": drawing.name_points(landmarks, good), "show_labels": False}
+        self._log("world/points", self._rr.Points3D(xyz_m, colors=colours, radii=-2.5, **hints), static=True)
+        self._log("world/arcs", self._lines_3d(landmarks.arc_m[~good], drawing.ARC, -0.6), static=True)
         point_of_track = np.full(tracks.count, -1)
         point_of_track[landmarks.track[good]] = np.arange(len(xyz_m))
-        steps, hues = (
-            pair_steps(tracks, self._place["fan"](tracks.range_m, tracks.bearing_rad)),
-            choose_hues(tracks.track),
-        )
-        by_frame = np.argsort(tracks.frame, kind="stable")
-        ends = np.searchsorted(tracks.frame[by_frame], np.arange(len(self._stamps_s) + 1))
-        for frame in range(len(self._stamps_s)):
-            now = by_frame[ends[frame] : ends[frame + 1]]
+        steps = drawing.pair_steps(tracks, self._grids["fan"].pixel_at(tracks.range_m, tracks.bearing_rad))
+        hues = drawing.choose_hues(tracks.track)
+        for frame, now in enumerate(drawing.split_by_frame(tracks, len(self._stamps_s))):
             points = point_of_track[tracks.track[now]]
             points = points[points >= 0]
             self._set_frame(frame)
+            self._log("counts/tracks", self._rr.Scalars(len(now)))
             self._log("fan/tracks", self._rr.LineStrips2D(steps[now], colors=hues[now], radii=-1.0))
-            self._log("world/in_view", self._rr.Points3D(xyz_m[points], colors=colours[points], radii=-4.0))
+            self._log("world/in_view", self._rr.Points3D(xyz_m[points], colors=colours[points], radii=-4.5))
+
+    def _name_curves(self, plot: str, colours: dict[str, tuple[int, int, int]]) -> None:
+        for name, colour in colours.items():
+            self._log(f"{plot}/{name}", self._rr.SeriesLines(names=name, colors=colour, widths=1.5), static=True)
+
+    def _log_curve(self, entity: str, stamps_s: FloatArray, values: FloatArray) -> None:
+        """Plot values over the frames of the given stamps."""
+        for index, value in zip(np.searchsorted(self._stamps_s, stamps_s), values, strict=True):
+            self._set_frame(int(index))
+            self._log(entity, self._rr.Scalars(float(value)))
 
     def _set_frame(self, index: int) -> None:
         """Move to a frame on both timelines; stamps since 1970 become dates."""
@@ -191,54 +188,61 @@ class RerunRecorder:
         return self._rr.LineStrips3D(strips, colors=colour, radii=radius)
 
     def _encode(self, kind: str, picture: NDArray[Any], **options: float) -> Any:
-        import cv2
-
-        quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY] if kind == "jpeg" else [cv2.IMWRITE_PNG_COMPRESSION, 1]
-        data = cv2.imencode(f".{kind}", picture, quality)[1].tobytes()
+        data = drawing.encode_picture(kind, picture)
         return self._rr.EncodedImage(contents=data, media_type=f"image/{kind}", **options)
 
-    def _send_blueprint(self, sonar: SonarModel, world_from_sonar: FloatArray, seen_m: FloatArray) -> None:
-        """Arrange the views: images left, the world right, words below; open at the end, where all is drawn."""
+    def _send_blueprint(self, outlook: drawing.Outlook, lines: Iterable[str] = ()) -> None:
+        """Arrange the views: images left, the world right, words and curves below it; open at the end."""
         from rerun import blueprint as rrb
 
         step_s = float(np.median(np.diff(self._stamps_s))) if len(self._stamps_s) > 1 else 1.0
-        tails, so_far = (_show_last(frames, step_s) for frames in (TAIL_FRAMES, None))
-        fan = ["$origin/**", "- $origin/tracks"]
-        images = rrb.Vertical(
-            rrb.Spatial2DView(origin="fan", contents=fan, name="Fan: echoes, keypoints, matches"),
-            rrb.Horizontal(
-                rrb.Spatial2DView(origin="polar", name="Polar image"),
-                rrb.Spatial2DView(
-                    origin="fan",
-                    contents=["$origin/image", "$origin/tracks"],
-                    name="Fan: tracks",
-                    overrides={"fan/tracks": tails},
-                ),
-                column_shares=[2, 3],
-            ),
-            row_shares=[3, 2],
+        below = [
+            rrb.TextDocumentView(origin="summary", name="Summary"),
+            rrb.TimeSeriesView(origin="counts", name="Found in each frame"),
+        ]
+        if "groundtruth" in lines:
+            name, corner = "Distance from ground truth (m)", rrb.Corner2D.LeftTop
+            below.append(rrb.TimeSeriesView(origin="drift", name=name, plot_legend=corner))
+        right = rrb.Vertical(
+            _view_world(outlook, lines, step_s), rrb.Horizontal(*below, column_shares=[4, 3, 3]), row_shares=[2, 1]
         )
-        position, target = choose_view(sonar, world_from_sonar, seen_m)
-        eye = rrb.EyeControls3D(position=position, look_target=target, eye_up=[0.0, 0.0, 1.0])
-        world = rrb.Spatial3DView(origin="world", name="World", overrides={"world/so_far": so_far}, eye_controls=eye)
-        words = rrb.Horizontal(
-            rrb.TextDocumentView(origin="summary", name="Summary"), rrb.TextLogView(origin="warnings", name="Warnings")
-        )
-        layout = rrb.Vertical(rrb.Horizontal(images, world, column_shares=[2, 3]), words, row_shares=[7, 2])
+        layout = rrb.Horizontal(_view_images(step_s), right, column_shares=[1, 2])
         panels = rrb.BlueprintPanel(state="collapsed"), rrb.SelectionPanel(state="collapsed")
         time = rrb.TimePanel(state="collapsed", timeline="frame", fps=10.0, play_state="following")
         self._stream.send_blueprint(rrb.Blueprint(layout, *panels, time))
 
 
-def open_viewer(path: Path) -> int:
-    """Show a recording in the Rerun viewer and wait until it is closed; returns the viewer's exit code.
+def _view_images(step_s: float) -> Any:
+    """Show each frame twice: with what was found in it, and with the tracks that came of it."""
+    from rerun import blueprint as rrb
 
-    Raises:
-        AsfmError: there is no recording at the path.
-    """
-    if not path.is_file():
-        raise AsfmError(f"{path}: expected a recording, found no file; make one with asfm run, without --no-rerun")
-    return subprocess.run([sys.executable, "-m", "rerun", str(path)], check=False).returncode
+    found, tracked = ["$origin/**", "- $origin/tracks"], ["$origin/image", "$origin/tracks"]
+    return rrb.Vertical(
+        rrb.Tabs(
+            rrb.Spatial2DView(origin="fan", contents=found, name="Fan: echoes, keypoints, matches"),
+            rrb.Spatial2DView(origin="polar", name="Polar image"),
+        ),
+        rrb.Spatial2DView(
+            origin="fan",
+            contents=tracked,
+            name=f"Fan: tracks over {TAIL_FRAMES} frames",
+            overrides={"fan/tracks": _show_last(TAIL_FRAMES, step_s)},
+        ),
+    )
+
+
+def _view_world(outlook: drawing.Outlook, lines: Iterable[str], step_s: float) -> Any:
+    """Show the map and the lines through it, over a grid that gives the scale."""
+    from rerun import blueprint as rrb
+    from rerun.components import Plane3D
+
+    return rrb.Spatial3DView(
+        origin="world",
+        name=f"World: {', '.join([*(drawing.LINE_NAMES[line] for line in lines), 'grid of 1 m'])}",
+        overrides={"world/so_far": _show_last(None, step_s)},
+        line_grid=rrb.LineGrid3D(spacing=1.0, plane=Plane3D.XY.with_distance(outlook.floor_m)),
+        eye_controls=rrb.EyeControls3D(position=outlook.eye_m, look_target=outlook.target_m, eye_up=[0.0, 0.0, 1.0]),
+    )
 
 
 def _show_last(frames: int | None, step_s: float) -> Any:
@@ -251,3 +255,14 @@ def _show_last(frames: int | None, step_s: float) -> Any:
         starts["frame"] = TimeRangeBoundary.cursor_relative(seq=1 - frames)
         starts["time"] = TimeRangeBoundary.cursor_relative(seconds=(0.5 - frames) * step_s)
     return VisibleTimeRanges([VisibleTimeRange(name, start=start, end=now) for name, start in starts.items()])
+
+
+def open_viewer(path: Path) -> int:
+    """Show a recording in the Rerun viewer and wait until it is closed; returns the viewer's exit code.
+
+    Raises:
+        AsfmError: there is no recording at the path.
+    """
+    if not path.is_file():
+        raise AsfmError(f"{path}: expected a recording, found no file; make one with asfm run, without --no-rerun")
+    return subprocess.run([sys.executable, "-m", "rerun", str(path)], check=False).returncode

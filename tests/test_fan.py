@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from asfm.errors import AsfmError
 from asfm.fan import FanGrid
 from asfm.sonar import SonarModel
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 
 def _sonar(
@@ -120,6 +121,16 @@ def test_masks_stay_masks_and_bytes_stay_bytes() -> None:
     fan = grid.draw(mask)
     assert fan.dtype == np.bool_ and fan.any() and not (fan & ~grid.inside).any()
     assert grid.draw(np.full(sonar.shape, 200, np.uint8)).max() == 200
+
+
+@given(sonar=sonars, height_px=st.integers(20, 400))
+@settings(max_examples=40, deadline=None)
+def test_tall_fans_are_made_narrow(sonar: SonarModel, height_px: int) -> None:
+    free, grid = FanGrid.fit(sonar, 300), FanGrid.fit(sonar, 300, height_px)
+    assert grid.height_px <= height_px or grid.width_px == 1
+    assert grid.height_px + free.height_px / 300 + 1 >= min(height_px, free.height_px)
+    if free.height_px <= height_px:
+        assert grid.shape == free.shape
 
 
 def test_refuses_what_cannot_be_drawn() -> None:

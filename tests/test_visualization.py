@@ -295,15 +295,28 @@ def test_truth_with_its_own_stamps_is_anchored_where_it_begins(tmp_path: Path) -
     _record(tmp_path / "late.rrd", late, replace(_reconstruction(sequence), trajectory=estimate))
     recording = Recording(tmp_path / "late.rrd")
     np.testing.assert_allclose(_line(recording, "groundtruth"), [[2, 0, 0], [3, 0, 0], [4, 0, 0]], atol=1e-5)
+    assert set(recording.rows("/drift/estimate", "Scalars:scalars")) == {2, 3, 4}
     assert "/world/odometry" not in recording.entities()
 
 
 def test_words_are_there(recording: Recording) -> None:
-    bodies = [values[0] for values in recording.rows("/warnings", "TextLog:text")[0]]
-    assert bodies == ["the reader survived something.", "a made-up warning."]
     (summary,) = recording.value("/summary", "TextDocument:text")
     for words in ("toy", "6 frames", "2 tracks", "2 landmarks", "1 well constrained", "0.010 m"):
         assert words in summary
+    assert "the reader survived something." in summary and "a made-up warning." in summary
+    assert recording.value("/world/points", "Points3D:labels") == ["track 0: 6 views, sigma 0.010 m"]
+    assert recording.value("/world/points", "Points3D:show_labels") == [False]
+
+
+def test_curves_count_what_was_found_and_measure_the_drift(recording: Recording) -> None:
+    counts = {name: recording.rows(f"/counts/{name}", "Scalars:scalars") for name in ("keypoints", "matches", "tracks")}
+    assert counts["keypoints"] == {frame: [[3.0]] for frame in range(FRAMES)}
+    assert counts["matches"] == {frame: [[2.0]] for frame in range(1, FRAMES)}
+    assert counts["tracks"] == {frame: [[2.0]] for frame in range(FRAMES)}
+    for name in ("estimate", "odometry"):
+        drift = recording.rows(f"/drift/{name}", "Scalars:scalars")
+        assert set(drift) == set(range(FRAMES))
+        np.testing.assert_allclose([drift[frame][0][0] for frame in range(FRAMES)], 0, atol=1e-6)
 
 
 def test_stamps_since_1970_become_dates(tmp_path: Path) -> None:
@@ -325,8 +338,9 @@ def test_a_run_that_found_nothing_is_recorded_too(tmp_path: Path, count: int) ->
     sequence = replace(_sequence(count=count), odometry=None, groundtruth=None, warnings=())
     _record(tmp_path / "nothing.rrd", sequence, _nothing(sequence))
     recording = Recording(tmp_path / "nothing.rrd")
-    assert recording.rows("/warnings", "TextLog:text")[0] == [["No warnings."]]
-    assert "0 landmarks" in recording.value("/summary", "TextDocument:text")[0]
+    (summary,) = recording.value("/summary", "TextDocument:text")
+    assert "0 landmarks" in summary and "No warnings." in summary
+    assert not any(entity.startswith("/drift") for entity in recording.entities())
 
 
 @pytest.mark.parametrize("pitch_rad", [0.0, np.pi / 2])
