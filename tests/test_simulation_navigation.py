@@ -6,7 +6,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from asfm.poses import invert, make_pose
-from asfm.simulation.navigation import simulate_navigation, simulate_odometry
+from asfm.simulation.navigation import SlowDrift, simulate_navigation, simulate_odometry, wander
 from asfm.types import SensorNoise, Trajectory
 
 NOISE = SensorNoise(0.02, 0.005, 0.01, 0.004, 0.003)
@@ -48,3 +48,23 @@ def test_depth_and_attitude_err_by_the_stated_sigmas() -> None:
     assert stats.kstest((reading.z_m - truth.world_from_vehicle[:, 2, 3]) / 0.01, "norm").pvalue > 0.005
     assert stats.kstest((reading.roll_rad - roll) / 0.004, "norm").pvalue > 0.005
     assert stats.kstest((reading.pitch_rad - pitch) / 0.003, "norm").pvalue > 0.005
+
+
+def test_slow_drift_stays_from_step_to_step_and_white_noise_does_not() -> None:
+    still = Trajectory(np.linspace(0.0, 399.8, 2000), np.tile(np.eye(4), (2000, 1, 1)))
+    silent = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0)
+    drift = SlowDrift(translation_m=0.003, rotation_rad=0.0, correlation_s=20.0)
+    path = simulate_odometry(still, silent, np.random.default_rng(2), drift).world_from_vehicle[:, :3, 3]
+    steps = np.diff(path, axis=0)
+    assert steps.std() == pytest.approx(0.003, rel=0.35)
+    for elapsed in (5, 50):  # 1 and 10 s
+        kept = np.corrcoef(steps[elapsed:].ravel(), steps[:-elapsed].ravel())[0, 1]
+        assert kept == pytest.approx(np.exp(-elapsed * 0.2 / 20.0), abs=0.15)
+    white = simulate_odometry(still, NOISE, np.random.default_rng(2)).world_from_vehicle
+    slips = (invert(white[:-1]) @ white[1:])[:, :3, 3]
+    assert abs(np.corrcoef(slips[1:].ravel(), slips[:-1].ravel())[0, 1]) < 0.05
+
+
+def test_wander_is_steady_from_the_first_value() -> None:
+    values = np.stack([wander(np.full(8, 0.2), 3.0, 6, np.random.default_rng(i))[[0, -1]] for i in range(400)])
+    assert values.std(axis=(0, 2)) == pytest.approx([1.0, 1.0], abs=0.06)
