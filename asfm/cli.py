@@ -95,8 +95,8 @@ def run(
     resolved = load_config(config, overrides)
     with _show_progress() as progress:
         summary = run_sequence(sequence, output, resolved, rerun, overwrite, progress)
-    _warn(summary.warnings)
     _say(describe_results(summary))
+    _warn(summary.warnings)
 
 
 @app.command()
@@ -172,8 +172,8 @@ def demo(
 
     with _show_progress() as progress:
         summary = run_demo(output, frames, progress)
-    _warn(summary.warnings)
     _say(describe_results(summary))
+    _warn(summary.warnings)
     typer.echo(f"all errors: asfm evaluate {summary.folder}")
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from asfm.commands.report import RunSummary, describe_run
 from asfm.config import Config, dump_config
 from asfm.datasets import open_sequence
+from asfm.datasets.tables import read_tum
 from asfm.errors import AsfmError
 from asfm.evaluation.summary import EvaluationTable, evaluate_sequence
 from asfm.export import RESULTS, write_points, write_report, write_trajectory
@@ -48,8 +49,8 @@ def run_sequence(
         with closing(_make_recorder(folder / "reconstruction.rrd", sequence, recording)) as recorder:
             run = reconstruct(sequence, config, recorder, progress)
         result = run.reconstruction
-        evaluation, remarks = _evaluate(sequence, result.trajectory)
         write_trajectory(folder / "trajectory.tum", result.trajectory)
+        evaluation, remarks = _evaluate(sequence, read_tum(folder / "trajectory.tum"))  # as asfm evaluate will read it
         write_points(folder / "points.ply", result.landmarks)
         (folder / "config.yaml").write_text(dump_config(config), encoding="utf-8")
         if evaluation is not None:
