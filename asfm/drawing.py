@@ -16,7 +16,7 @@ JPEG_QUALITY = 60
 KEYPOINT, MATCH, MASK = (255, 214, 64), (255, 64, 200), (64, 255, 128)
 LINES = {"estimate": (64, 180, 255), "odometry": (255, 120, 80), "groundtruth": (70, 220, 110)}
 LINE_NAMES = {"estimate": "estimate blue", "odometry": "odometry orange", "groundtruth": "ground truth green"}
-ARC, FRUSTUM = (150, 150, 170, 50), (110, 130, 150)
+ARC, ARC_IN_VIEW, FRUSTUM = (58, 58, 68), (140, 140, 165), (110, 130, 150)
 VIEW_TANGENTS = (0.65, 0.43)
 """Half the width and height that a scene takes up at unit distance: 55 degrees of view, less a margin."""
 SHEET_SHAPE = (128, 64)
@@ -180,15 +180,29 @@ def choose_hues(number: IntArray) -> NDArray[np.uint8]:
     return np.asarray(127.5 + 127.5 * np.cos(2 * np.pi * phase)).astype(np.uint8)
 
 
-def colour_heights(z_m: FloatArray) -> NDArray[np.uint8]:
-    """Colour heights from blue (low) to red (high): (N, 3)."""
+def colour_heights(landmarks: Landmarks) -> NDArray[np.uint8]:
+    """Colour heights from blue (low) to red (high), scaled to those of the well constrained landmarks: (L, 3)."""
     import cv2
 
-    if not len(z_m):
+    if not len(landmarks):
         return np.zeros((0, 3), np.uint8)
-    low, high = np.percentile(z_m, [2, 98])
-    level = np.clip((z_m - low) / max(float(high - low), 1e-6), 0, 1)
+    low_m, high_m = span_heights(landmarks)
+    level = np.clip((landmarks.xyz_m[:, 2] - low_m) / max(high_m - low_m, 1e-6), 0, 1)
     return np.asarray(cv2.applyColorMap((255 * level).astype(np.uint8), cv2.COLORMAP_TURBO)[:, 0, ::-1])
+
+
+def span_heights(landmarks: Landmarks) -> tuple[float, float]:
+    """Give the lowest and highest z of the well constrained landmarks in m, a few outliers aside; zeros without any."""
+    z_m = landmarks.xyz_m[landmarks.well_constrained, 2]
+    low_m, high_m = np.percentile(z_m, [2, 98]) if len(z_m) else (0.0, 0.0)
+    return float(low_m), float(high_m)
+
+
+def draw_whiskers(landmarks: Landmarks, which: BoolArray) -> FloatArray:
+    """Draw two sigma to either side of some landmarks, along the direction that is known least: (W, 2, 3)."""
+    variance_m2, axes = np.linalg.eigh(landmarks.covariance_m2[which])
+    reach_m = 2 * np.sqrt(np.maximum(variance_m2[:, -1:], 0)) * axes[..., -1]
+    return np.stack([landmarks.xyz_m[which] - reach_m, landmarks.xyz_m[which] + reach_m], axis=1)
 
 
 def name_points(landmarks: Landmarks, which: BoolArray) -> list[str]:
@@ -203,7 +217,7 @@ def summarise_run(sequence: Sequence, reconstruction: Reconstruction) -> str:
     length_m = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).sum()
     good = landmarks.well_constrained
     spread = f" (median sigma {np.median(landmarks.sigma_m[good]):.3f} m)" if good.any() else ""
-    low_m, high_m = np.percentile(landmarks.xyz_m[good, 2], [2, 98]) if good.any() else (0.0, 0.0)
+    low_m, high_m = span_heights(landmarks)
     heights = f" from {low_m:.2f} m (blue) to {high_m:.2f} m (red)" if good.any() else ""
     warnings = [*sequence.warnings, *reconstruction.warnings]
     return "\n\n".join(
@@ -212,7 +226,7 @@ def summarise_run(sequence: Sequence, reconstruction: Reconstruction) -> str:
             f"{reconstruction.tracks.count} tracks, {len(landmarks)} landmarks, {good.sum()} well constrained{spread}",
             "\n".join(f"- **Warning:** {' '.join(text.split())}" for text in warnings) or "No warnings.",
             "**Images**: echoes green, keypoints yellow, matches with the frame before magenta; port is left.",
-            f"**World**: points coloured by height{heights}, larger while in view; hover to read sigma. Grey arcs: the "
-            "motion leaves their elevation open. All trajectories start from one pose.",
+            f"**World**: points coloured by height{heights}, whiskers of two sigma (hover to read it). Grey "
+            "arcs: the motion leaves the elevation open. Larger or brighter: in view. All lines start from one pose.",
         ]
     )

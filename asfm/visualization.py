@@ -147,23 +147,28 @@ class RerunRecorder:
             self._log("world/sonar", rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3]))
 
     def _log_map(self, tracks: Tracks, landmarks: Landmarks) -> None:
-        """Draw well constrained points by height, larger while in view, the others' arcs, and the tracks on the fan."""
+        """Draw well constrained points by height, the others' arcs, what of them is in view, and tracks on the fan."""
         good = landmarks.well_constrained
-        xyz_m, colours = landmarks.xyz_m[good], drawing.colour_heights(landmarks.xyz_m[good, 2])
+        xyz_m, colours, arc_m = landmarks.xyz_m, drawing.colour_heights(landmarks), landmarks.arc_m
         hints = {"labels": drawing.name_points(landmarks, good), "show_labels": False}
-        self._log("world/points", self._rr.Points3D(xyz_m, colors=colours, radii=-2.5, **hints), static=True)
-        self._log("world/arcs", self._lines_3d(landmarks.arc_m[~good], drawing.ARC, -0.6), static=True)
-        point_of_track = np.full(tracks.count, -1)
-        point_of_track[landmarks.track[good]] = np.arange(len(xyz_m))
+        spread = self._lines_3d(drawing.draw_whiskers(landmarks, good), colours[good], -0.8)
+        self._log(
+            "world/points", self._rr.Points3D(xyz_m[good], colors=colours[good], radii=-2.5, **hints), static=True
+        )
+        self._log("world/points/sigma", spread, static=True)
+        self._log("world/arcs", self._lines_3d(arc_m[~good], drawing.ARC, -0.6), static=True)
+        landmark_of_track = np.full(tracks.count, -1)
+        landmark_of_track[landmarks.track] = np.arange(len(landmarks))
         steps = drawing.pair_steps(tracks, self._grids["fan"].pixel_at(tracks.range_m, tracks.bearing_rad))
         hues = drawing.choose_hues(tracks.track)
         for frame, now in enumerate(drawing.split_by_frame(tracks, len(self._stamps_s))):
-            points = point_of_track[tracks.track[now]]
-            points = points[points >= 0]
+            seen = landmark_of_track[tracks.track[now]]
+            points, arcs = (seen[(seen >= 0) & (good[seen] == wanted)] for wanted in (True, False))
             self._set_frame(frame)
             self._log("counts/tracks", self._rr.Scalars(len(now)))
             self._log("fan/tracks", self._rr.LineStrips2D(steps[now], colors=hues[now], radii=-1.0))
-            self._log("world/in_view", self._rr.Points3D(xyz_m[points], colors=colours[points], radii=-4.5))
+            self._log("world/in_view/points", self._rr.Points3D(xyz_m[points], colors=colours[points], radii=-4.5))
+            self._log("world/in_view/arcs", self._lines_3d(arc_m[arcs], drawing.ARC_IN_VIEW, -0.8))
 
     def _name_curves(self, plot: str, colours: dict[str, tuple[int, int, int]]) -> None:
         for name, colour in colours.items():
@@ -184,7 +189,7 @@ class RerunRecorder:
     def _log(self, entity: str, archetype: Any, static: bool = False) -> None:
         self._stream.log(entity, archetype, static=static, strict=True)
 
-    def _lines_3d(self, strips: Any, colour: tuple[int, ...], radius: float) -> Any:
+    def _lines_3d(self, strips: Any, colour: Any, radius: float) -> Any:
         return self._rr.LineStrips3D(strips, colors=colour, radii=radius)
 
     def _encode(self, kind: str, picture: NDArray[Any], **options: float) -> Any:

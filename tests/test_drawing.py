@@ -18,6 +18,7 @@ from asfm.drawing import (
     choose_hues,
     choose_view,
     colour_heights,
+    draw_whiskers,
     encode_picture,
     measure_drift,
     name_points,
@@ -223,12 +224,25 @@ def test_neighbouring_numbers_have_distant_hues() -> None:
 
 
 def test_heights_rise_from_blue_to_red_whatever_a_wild_one_does() -> None:
-    z_m = np.append(np.linspace(-2, 1, 200), 1e4)
-    colours = colour_heights(z_m).astype(int)
+    count = 301
+    z_m = np.append(np.linspace(-2, 1, 200), np.append(1e4, np.linspace(-90, 90, 100)))
+    landmarks = replace(_run(count, 201)[1].landmarks, xyz_m=z_m[:, None] * [0, 0, 1])
+    colours = colour_heights(landmarks).astype(int)
     assert colours[20, 2] > 2 * colours[20, 0] and colours[180, 0] > 2 * colours[180, 2]
-    assert len(np.unique(colours, axis=0)) > 100
-    assert colour_heights(np.zeros(0)).shape == (0, 3)
-    assert len(np.unique(colour_heights(np.full(5, 3.0)), axis=0)) == 1
+    assert len(np.unique(colours[:200], axis=0)) > 100
+    assert len(np.unique(colour_heights(_run(5, 5)[1].landmarks), axis=0)) == 1
+    assert [len(colour_heights(_run(found, 0)[1].landmarks)) for found in (4, 0)] == [4, 0]
+
+
+def test_whiskers_run_along_the_direction_known_least() -> None:
+    landmarks = _run(3, 2)[1].landmarks
+    turn = Rotation.from_rotvec([0.4, -0.2, 1.0])
+    covariance_m2 = turn.as_matrix() @ np.diag([0.01, 0.09, 0.0004]) @ turn.as_matrix().T
+    landmarks = replace(landmarks, xyz_m=np.arange(9.0).reshape(3, 3), covariance_m2=np.tile(covariance_m2, (3, 1, 1)))
+    ends_m = draw_whiskers(landmarks, landmarks.well_constrained)
+    np.testing.assert_allclose(ends_m.mean(axis=1), landmarks.xyz_m[:2])
+    along = turn.inv().apply(ends_m[:, 1] - ends_m[:, 0])
+    np.testing.assert_allclose(np.abs(along), [[0, 4 * 0.3, 0]] * 2, atol=1e-9)
 
 
 def _run(count: int, good: int) -> tuple[Sequence, Reconstruction]:

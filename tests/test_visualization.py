@@ -269,7 +269,10 @@ def test_well_constrained_points_and_the_others_arcs(recording: Recording) -> No
     landmarks = _reconstruction(_sequence()).landmarks
     np.testing.assert_allclose(recording.value("/world/points", "Points3D:positions"), landmarks.xyz_m[:1])
     np.testing.assert_allclose(recording.value("/world/arcs", "LineStrips3D:strips"), landmarks.arc_m[1:])
-    np.testing.assert_allclose(recording.value("/world/in_view", "Points3D:positions", 2), landmarks.xyz_m[:1])
+    np.testing.assert_allclose(recording.value("/world/in_view/points", "Points3D:positions", 2), landmarks.xyz_m[:1])
+    np.testing.assert_allclose(recording.value("/world/in_view/arcs", "LineStrips3D:strips", 2), landmarks.arc_m[1:])
+    (whisker_m,) = np.array(recording.value("/world/points/sigma", "LineStrips3D:strips"))
+    assert np.linalg.norm(whisker_m - landmarks.xyz_m[0], axis=1) == pytest.approx(2 * 0.01)
 
 
 def _line(recording: Recording, name: str) -> FloatArray:
