@@ -7,6 +7,7 @@ import trimesh
 from asfm.errors import AsfmError
 from asfm.poses import invert, make_pose, transform
 from asfm.simulation.echo import average_elevation
+from asfm.simulation.presets import PRESETS
 from asfm.simulation.rays import RayCaster
 from asfm.simulation.renderer import Renderer, make_renderer
 from asfm.simulation.scene import Scene, join_scenes
@@ -54,6 +55,24 @@ def test_small_ball_is_brightest_at_its_nearest_point(case: int) -> None:
     error = elevation[row, column] - elevation_rad
     if abs(elevation_rad) + spread_rad < model.elevation_aperture_rad / 2:  # where the aperture cuts, the mean shifts
         assert abs(error) <= np.deg2rad(0.2)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_small_ball_is_where_it_is_for_every_sonar(preset: str) -> None:
+    sonar, rng = PRESETS[preset], np.random.default_rng(len(preset))
+    for _ in range(4):
+        range_m = rng.uniform(sonar.range_min + 0.1, sonar.range_max - 0.3)
+        half_deg = sonar.bearings_deg[-1] if sonar.bearings_deg else sonar.azimuth / 2
+        bearing_rad, elevation_rad = np.deg2rad(rng.uniform(-0.96, 0.96, 2) * [half_deg, sonar.elevation / 2])
+        radius_m = 0.01 + 0.006 * range_m  # a few rays across
+        centre_m = back_project(np.array(range_m + radius_m), np.array(bearing_rad), elevation_rad)
+        renderer, amplitude, elevation = _render(_ball(centre_m, radius_m), EYE, sonar)
+        model = renderer.model
+        row, column = np.unravel_index(amplitude.argmax(), amplitude.shape)
+        assert abs(model.range_m[row] - range_m) <= model.range_step_m
+        assert abs(model.column_at_bearing(np.array(bearing_rad)) - 0.5 - column) <= 1
+        spread_rad = np.arcsin(radius_m / (range_m + radius_m))
+        assert np.nanmax(np.abs(elevation - elevation_rad)) <= spread_rad + np.deg2rad(0.2)
 
 
 def test_elevation_of_a_slanted_plate_is_that_of_the_plane() -> None:

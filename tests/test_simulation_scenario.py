@@ -81,14 +81,14 @@ def test_what_is_no_scenario_is_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "none.json"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(AsfmError, match=r"none\.json"):
-        simulate("seafloor", str(path))
+        simulate("tank", str(path))
 
 
 def test_lever_arm_of_the_scenario_is_kept(tmp_path: Path) -> None:
     grid = {"RangeMin": 0.5, "RangeMax": 8, "RangeBins": 100, "AzimuthBins": 64, "Azimuth": 70, "Elevation": 12}
     path = _write(tmp_path / "a.json", {"location": [0.6, 0.1, -0.2], "rotation": [0, 30, 0], "Hz": 4}, **grid)
-    simulated = simulate("hull", str(path), frame_count=3)
-    bare = simulate("hull", str(_write(tmp_path / "b.json", {"Hz": 4}, **grid)), frame_count=3)
+    simulated = simulate("tank", str(path), frame_count=3)
+    bare = simulate("tank", str(_write(tmp_path / "b.json", {"Hz": 4}, **grid)), frame_count=3)
     mount = simulated.sequence.vehicle_from_sonar
     assert mount[:3, 3] == pytest.approx([0.6, 0.1, -0.2])
     assert simulated.sequence.groundtruth is not None and bare.sequence.groundtruth is not None
@@ -99,7 +99,7 @@ def test_lever_arm_of_the_scenario_is_kept(tmp_path: Path) -> None:
 
 
 def test_pickles_are_what_the_reader_reads(tmp_path: Path) -> None:
-    simulated = simulate("hull", "holoocean", frame_count=3)
+    simulated = simulate("tank", "holoocean", frame_count=3)
     steps: list[tuple[int, int]] = []
     write_pickles(tmp_path / "out", simulated, progress=lambda done, total: steps.append((done, total)))
     assert steps == [(1, 3), (2, 3), (3, 3)]
@@ -116,7 +116,7 @@ def test_pickles_are_what_the_reader_reads(tmp_path: Path) -> None:
 
 
 def test_uneven_beams_cannot_be_pickled(tmp_path: Path) -> None:
-    simulated = simulate("hull", "didson", frame_count=1)
+    simulated = simulate("tank", "didson", frame_count=1)
     with pytest.raises(AsfmError, match="uneven beams"):
         write_pickles(tmp_path / "out", simulated)
     assert list(tmp_path.iterdir()) == []

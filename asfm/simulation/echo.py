@@ -190,8 +190,10 @@ def average_elevation(echoes: Echoes, shape: tuple[int, int]) -> FloatArray:
     leading = power == greatest[pixel]
     strongest = np.zeros(size)
     strongest[pixel[leading]] = elevation[leading]
-    near = np.abs(elevation - strongest[pixel]) <= SAME_SURFACE_RAD
-    weight = np.bincount(pixel[near], power[near], size)
-    total = np.bincount(pixel[near], (power * elevation)[near], size)
-    mean: FloatArray = np.divide(total, weight, out=np.full(size, np.nan), where=weight > 0)
+    mean: FloatArray = strongest
+    for _ in range(2):  # about the strongest, which may lie at the edge of its surface, then about the mean there
+        near = np.abs(elevation - mean[pixel]) <= SAME_SURFACE_RAD
+        weight = np.bincount(pixel[near], power[near], size)
+        total = np.bincount(pixel[near], (power * elevation)[near], size)
+        mean = np.divide(total, weight, out=np.full(size, np.nan), where=weight > 0)
     return mean.reshape(-1, columns)[1 : rows + 1]

@@ -29,7 +29,7 @@ class PointSpread:
 
 def make_point_spread(sonar: ImagingSonar, model: SonarModel) -> PointSpread:
     """Work out the smear from pulse length, beam width, side lobes and cross-talk."""
-    sigma_rows = (sonar.pulse_length_m or 1.5 * model.range_step_m) / model.range_step_m / FWHM_PER_SIGMA
+    sigma_rows = (sonar.pulse_length_m or model.range_step_m) / model.range_step_m / FWHM_PER_SIGMA
     reach = max(1, int(np.ceil(3 * sigma_rows)))
     pulse = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma_rows) ** 2)
     width = np.deg2rad(sonar.beam_width_deg) if sonar.beam_width_deg else model.bearing_step_rad

@@ -52,7 +52,7 @@ class ImagingSonar(BaseModel):
     beam_width_deg: float | None = Field(default=None, gt=0)
     """Width of one beam at half power (two-way); one column where not given."""
     pulse_length_m: float | None = Field(default=None, gt=0)
-    """Length of the compressed pulse at half power; one and a half rows where not given."""
+    """Length of the compressed pulse at half power; one row where not given."""
     side_lobe_db: float = Field(default=-32.0, le=0)
     """First side lobe of a beam below its main lobe, two-way power."""
     cross_talk_db: float = Field(default=-48.0, le=0)
