@@ -1,8 +1,9 @@
 """The echo of every ray, and the sum of echoes in every pixel: power before the receiver's spread and noise.
 
 For a ray of solid angle W that meets a face of reflectivity m at range r and incidence angle i, the backscattered
-power after two-way spreading is m (cos i + s cos^n i) W / r^2: Lambert's m cos^2 i over the area W r^2 / cos i, plus a
-mirror-like lobe. Elevation ambiguity, shadow and layover follow from the geometry alone.
+power after two-way spreading is m (cos i + s exp(n (cos i - 1))) W / r^2: Lambert's m cos^2 i over the area W r^2 /
+cos i, plus a mirror-like lobe, which is close to the usual s cos^n i. Elevation ambiguity, shadow and layover follow
+from the geometry alone.
 """
 
 from dataclasses import dataclass, replace
@@ -63,7 +64,7 @@ class Echoes:
 def trace_echoes(hits: Hits, fan: RayFan, strength: EchoStrength, model: SonarModel) -> Echoes:
     """Turn hits into echoes; what was not struck stays, without power, beyond the last row."""
     facing = np.abs(hits.toward)
-    power = facing + strength.specular_strength * facing**strength.specular_exponent
+    power = facing + strength.specular_strength * np.exp(strength.specular_exponent * (facing - 1))
     power *= strength.reflectivity.take(hits.face, mode="wrap")
     if len(strength.grain) > 1:
         power *= strength.grain.take(_grain_number(hits.place_m))

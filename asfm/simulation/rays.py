@@ -43,7 +43,9 @@ class Hits:
     upward: ImageArray
     """(N,) cosine between the sonar's z axis and the face's outward normal; zero where nothing was struck."""
     normal: ImageArray
-    """(3, N) outward unit normals in the world's directions; zero where nothing was struck."""
+    """(3, N) outward normals in the world's directions, of any length; zero where nothing was struck."""
+    unit: ImageArray
+    """(N,) factors that make the normals unit vectors."""
     place_m: ImageArray
     """(3, N) in the world's directions, relative to the scene's middle."""
     face: NDArray[np.int32]
@@ -92,12 +94,13 @@ def turn(rotation: ImageArray, vectors: ImageArray) -> ImageArray:
 def _read_hits(found: dict[str, NDArray[Any]], origin: ImageArray, ahead: ImageArray, up: ImageArray) -> Hits:
     """Read Embree's answer for rays from ``origin`` along ``ahead``, both (3, N) or (3, 1); ``up`` is (3,)."""
     normal = np.ascontiguousarray(found["Ng"].T)
-    normal /= np.sqrt(np.einsum("ij,ij->j", normal, normal) + np.float32(1e-30))
+    unit = 1 / np.sqrt(np.einsum("ij,ij->j", normal, normal) + np.float32(1e-30))
     return Hits(
         range_m=found["tfar"],
-        toward=np.einsum("ij,ij->j", normal, ahead),
-        upward=np.einsum("ij,i->j", normal, up),
+        toward=np.einsum("ij,ij->j", normal, ahead) * unit,
+        upward=np.einsum("ij,i->j", normal, up) * unit,
         normal=normal,
+        unit=unit,
         place_m=ahead * found["tfar"] + origin,
         face=found["primID"],
     )
@@ -119,8 +122,8 @@ class RayCaster:
             raise AsfmError(f"scene {scene.name}: expected a mesh with faces, found none")
         self._scene: Any = EmbreeScene()
         # Embree works in float32: keep the numbers small by moving the scene's middle to the origin.
-        self._centre_m: FloatArray = 0.5 * (scene.vertices_m.min(axis=0) + scene.vertices_m.max(axis=0))
-        triangles = (scene.vertices_m - self._centre_m)[scene.faces].astype(np.float32)
+        self.centre_m: FloatArray = 0.5 * (scene.vertices_m.min(axis=0) + scene.vertices_m.max(axis=0))
+        triangles = (scene.vertices_m - self.centre_m)[scene.faces].astype(np.float32)
         self._mesh: Any = TriangleMesh(self._scene, triangles)
 
     def cast(self, world_from_sonar: FloatArray, direction: ImageArray, farthest_m: float) -> Hits:
@@ -132,7 +135,7 @@ class RayCaster:
             farthest_m: how far to look.
         """
         rotation = world_from_sonar[:3, :3].astype(np.float32)
-        start = (world_from_sonar[:3, 3] - self._centre_m).astype(np.float32)
+        start = (world_from_sonar[:3, 3] - self.centre_m).astype(np.float32)
         ahead = turn(rotation, direction)
         origin = np.tile(start, (direction.shape[1], 1))
         found = self.shoot(origin, np.ascontiguousarray(ahead.T), farthest_m)
@@ -143,9 +146,9 @@ class RayCaster:
 
         Ranges run on from the first hit; rays that strike nothing again end at the farthest range.
         """
-        start = (world_from_sonar[:3, 3] - self._centre_m).astype(np.float32)[:, None]
+        start = (world_from_sonar[:3, 3] - self.centre_m).astype(np.float32)[:, None]
         ahead = (hits.place_m - start) / hits.range_m
-        ahead -= 2 * hits.toward * hits.normal
+        ahead -= 2 * hits.toward * hits.unit * hits.normal
         origin = hits.place_m + np.float32(BOUNCE_GAP_M) * ahead
         found = self.shoot(np.ascontiguousarray(origin.T), np.ascontiguousarray(ahead.T), farthest_m)
         found["primID"][hits.face < 0] = -1

@@ -1,6 +1,8 @@
 """The receiver: how pulse and beams smear an echo, and the noise that is laid over it."""
 
+import math
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -99,20 +101,42 @@ def leak_beams(power: ImageArray, spread: PointSpread) -> ImageArray:
 def add_noise(clean: ImageArray, sonar: ImagingSonar, model: SonarModel, rng: np.random.Generator) -> ImageArray:
     """Lay speckle and background over a clean image, and take off the receiver's threshold.
 
-    Speckle is a gamma variate of mean 1 and standard deviation ``mult_sigma`` a pixel; the background is Rayleigh, the
-    amplitude of complex Gaussian noise, drawn as the root of an exponential variate.
+    The background is Rayleigh, the amplitude of complex Gaussian noise, drawn as the root of an exponential variate.
     """
     image = clean.copy()
     if sonar.mult_sigma:
-        shape = np.float32(1 / sonar.mult_sigma**2)
         seen = np.flatnonzero(clean > SPECKLED)  # a third of the image, as a rule
-        image.ravel()[seen] *= rng.standard_gamma(shape, len(seen), dtype=np.float32) / shape
+        image.ravel()[seen] *= draw_speckle(sonar.mult_sigma, len(seen), rng)
     if sonar.add_sigma or sonar.near_sigma:
         energy = rng.standard_exponential(clean.shape, dtype=np.float32)
         image += np.sqrt(2 * energy) * background_sigma(sonar, model)
     if sonar.threshold:
         image -= np.float32(sonar.threshold)
     return np.clip(image, 0, 1, out=image)
+
+
+def draw_speckle(contrast: float, count: int, rng: np.random.Generator) -> ImageArray:
+    """Draw Weibull variates of mean 1 and the stated standard deviation.
+
+    Weibull amplitudes hold fully developed speckle as the case of contrast 0.523 (Rayleigh), less where several looks
+    or facets add up, more where few strong scatterers share a pixel.
+    """
+    power = _speckle_power(contrast)
+    draws = rng.standard_exponential(count, dtype=np.float32)
+    return np.asarray(draws ** np.float32(power) * np.float32(1 / math.gamma(1 + power)))
+
+
+@cache
+def _speckle_power(contrast: float) -> float:
+    """Find p such that the p-th power of an exponential variate has the stated contrast; it grows with p."""
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        power = 0.5 * (low + high)
+        if math.sqrt(math.gamma(1 + 2 * power) / math.gamma(1 + power) ** 2 - 1) < contrast:
+            low = power
+        else:
+            high = power
+    return power
 
 
 def background_sigma(sonar: ImagingSonar, model: SonarModel) -> ImageArray:
