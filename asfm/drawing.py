@@ -17,8 +17,8 @@ KEYPOINT, MATCH, MASK = (255, 214, 64), (255, 64, 200), (64, 255, 128)
 LINES = {"estimate": (64, 180, 255), "odometry": (255, 120, 80), "groundtruth": (70, 220, 110)}
 LINE_NAMES = {"estimate": "estimate blue", "odometry": "odometry orange", "groundtruth": "ground truth green"}
 ARC, ARC_IN_VIEW, FRUSTUM = (58, 58, 68), (140, 140, 165), (110, 130, 150)
-VIEW_TANGENTS = (0.65, 0.43)
-"""Half the width and height that a scene takes up at unit distance: 55 degrees of view, less a margin."""
+VIEW_TANGENTS = (0.85, 0.46)
+"""Half the width and height of what is in view at unit distance: 55 degrees, less a margin, and twice as wide."""
 SHEET_SHAPE = (128, 64)
 """(ranges, beams) of the small picture that hangs in the 3-D view."""
 

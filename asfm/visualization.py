@@ -270,4 +270,6 @@ def open_viewer(path: Path) -> int:
     """
     if not path.is_file():
         raise AsfmError(f"{path}: expected a recording, found no file; make one with asfm run, without --no-rerun")
-    return subprocess.run([sys.executable, "-m", "rerun", str(path)], check=False).returncode
+    # A window of its own even where one is open, which nobody else on the network can write to.
+    options = ["--new", "--bind", "127.0.0.1"]
+    return subprocess.run([sys.executable, "-m", "rerun", *options, str(path)], check=False).returncode

@@ -404,6 +404,21 @@ def test_unwritable_and_missing_files_are_one_line(tmp_path: Path) -> None:
         open_viewer(tmp_path / "x.rrd")
 
 
+def test_viewer_opens_alone_and_on_this_machine_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    commands: list[list[str]] = []
+
+    def note(command: list[str], check: bool) -> subprocess.CompletedProcess[str]:
+        commands.append(command)
+        return subprocess.CompletedProcess(command, 7)
+
+    monkeypatch.setattr("asfm.visualization.subprocess.run", note)
+    (tmp_path / "x.rrd").touch()
+    assert open_viewer(tmp_path / "x.rrd") == 7
+    (command,) = commands
+    assert command[:3] == [sys.executable, "-m", "rerun"] and command[-1] == str(tmp_path / "x.rrd")
+    assert command[command.index("--bind") + 1] == "127.0.0.1" and "--new" in command
+
+
 def test_recordings_of_real_images_stay_small(tmp_path: Path, shared_data: Path) -> None:
     """120 frames of 707 x 512 must stay below 20 MB: ten of them below 1.6 MB."""
     sequence = open_sequence(shared_data / "oculus_tank_b")
