@@ -6,6 +6,7 @@ from scipy import stats
 
 from asfm.simulation.receiver import add_noise, leak_beams, make_point_spread, spread_beams, spread_ranges
 from asfm.simulation.sensor import ImagingSonar, make_sonar_model
+from asfm.simulation.speckle import draw_energies, make_field_bank
 from asfm.types import ImageArray
 
 SONAR = ImagingSonar(range_bins=300, azimuth_bins=128, azimuth=60)
@@ -31,6 +32,30 @@ def test_speckle_has_the_contrast_asked_for(contrast: float) -> None:
     image = _noisy(0.1, add_sigma=0.0, mult_sigma=contrast)
     assert image.std() / image.mean() == pytest.approx(contrast, rel=0.05)
     assert image.mean() == pytest.approx(0.1, rel=0.02)
+
+
+def test_beams_that_overlap_hear_alike_and_the_statistics_stay() -> None:
+    """Beams of 0.8 degrees every 0.47: energies correlate as their lobes do; every beam by itself is Rayleigh."""
+    sonar = SONAR.model_copy(update={"beam_width_deg": 0.8, "add_sigma": 0.05, "mult_sigma": 0.35})
+    bank = make_field_bank(make_point_spread(sonar, MODEL).lobe, np.random.default_rng(0))
+    dark, grey = (np.full(MODEL.shape, level, dtype=np.float32) for level in (0.0, 0.1))
+    background = add_noise(dark, sonar, MODEL, np.random.default_rng(1), bank)
+    for beams in (slice(0, None, 9), slice(5, None, 9)):
+        assert stats.kstest(background[:, beams].ravel(), stats.rayleigh(scale=0.05).cdf).pvalue > 0.01
+    energy = background.astype(float) ** 2
+    centred = energy - energy.mean()
+    for away in (1, 2, 3, 8):
+        found = (centred[:, away:] * centred[:, :-away]).mean() / centred.var()
+        # Gaussian lobes of power width w: the field's correlation is exp(-ln 2 (d / w)^2), the energy's its square.
+        expected = np.exp(-2 * np.log(2) * (away * np.rad2deg(MODEL.bearing_step_rad) / 0.8) ** 2)
+        assert found == pytest.approx(expected, abs=0.06)
+    assert abs((centred[1:] * centred[:-1]).mean() / centred.var()) < 0.03
+    speckled = add_noise(grey, sonar.model_copy(update={"add_sigma": 0.0}), MODEL, np.random.default_rng(1), bank)
+    assert speckled.std() / speckled.mean() == pytest.approx(0.35, rel=0.05)
+    speckle, noise = (energies.ravel() for energies in draw_energies(bank, 300, np.random.default_rng(3)))
+    assert abs(np.corrcoef(speckle, noise)[0, 1]) < 0.02
+    again = add_noise(dark, sonar, MODEL, np.random.default_rng(2), bank)
+    assert abs(np.corrcoef(background.ravel(), again.ravel())[0, 1]) < 0.02
 
 
 def test_noise_stays_in_range_and_off_means_off() -> None:

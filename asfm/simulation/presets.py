@@ -63,6 +63,7 @@ PRESETS: dict[str, ImagingSonar] = {
         rate_hz=5.0,
     ),
     # Blueprint Subsea M1200d, 2.1 MHz: 60 x 12 deg, 0.4 deg, 512 beams, 10 m at most. Close inspection.
+    # The noise's growth with range is that of recordings in a test tank.
     "oculus_m1200d_high": ImagingSonar(
         name="Oculus M1200d 2.1 MHz",
         range_min=0.2,
@@ -74,6 +75,8 @@ PRESETS: dict[str, ImagingSonar] = {
         elevation=12.0,
         elevation_bins=320,
         beam_width_deg=0.4,
+        add_sigma=0.06,
+        noise_range_exponent=0.8,
         rate_hz=10.0,
     ),
     # Blueprint Subsea M1200d, 1.2 MHz: 130 x 20 deg, 0.6 deg, 512 beams.
@@ -103,6 +106,7 @@ PRESETS: dict[str, ImagingSonar] = {
         bearings_deg=_didson_spaced(),
         elevation=14.0,
         beam_width_deg=0.3,
+        independent_beams=True,
         side_lobe_db=-26.0,
         add_sigma=0.0321,
         near_sigma=0.0681,
@@ -122,6 +126,7 @@ PRESETS: dict[str, ImagingSonar] = {
         bearings_deg=_aris_spaced(),
         elevation=14.0,
         beam_width_deg=0.25,
+        independent_beams=True,
         rate_hz=8.0,
     ),
     # Teledyne BlueView P900-130, 900 kHz: 130 x 20 deg, 768 beams of 1 deg every 0.17 deg, rows of 2.5 cm.
@@ -148,6 +153,7 @@ PRESETS: dict[str, ImagingSonar] = {
         azimuth_bins=512,
         elevation=20.0,
         elevation_bins=320,
+        independent_beams=True,
         add_sigma=0.0,
         mult_sigma=0.0,
         rate_hz=5.0,

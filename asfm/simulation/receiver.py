@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 
 from asfm.simulation.sensor import ImagingSonar
+from asfm.simulation.speckle import FieldBank, draw_energies
 from asfm.sonar import SonarModel
 from asfm.types import FloatArray, ImageArray
 
@@ -98,32 +99,41 @@ def leak_beams(power: ImageArray, spread: PointSpread) -> ImageArray:
     return leaked
 
 
-def add_noise(clean: ImageArray, sonar: ImagingSonar, model: SonarModel, rng: np.random.Generator) -> ImageArray:
+def add_noise(
+    clean: ImageArray,
+    sonar: ImagingSonar,
+    model: SonarModel,
+    rng: np.random.Generator,
+    bank: FieldBank | None = None,
+) -> ImageArray:
     """Lay speckle and background over a clean image, and take off the receiver's threshold.
 
-    The background is Rayleigh, the amplitude of complex Gaussian noise, drawn as the root of an exponential variate.
+    The background is Rayleigh, the amplitude of complex Gaussian noise. Without a bank of fields all pixels are
+    independent; with one, beams that overlap hear alike.
     """
     image = clean.copy()
+    if bank is None:
+        energies = tuple(rng.standard_exponential((2, *clean.shape), dtype=np.float32))
+    else:
+        energies = draw_energies(bank, len(clean), rng)
     if sonar.mult_sigma:
         seen = np.flatnonzero(clean > SPECKLED)  # a third of the image, as a rule
-        image.ravel()[seen] *= draw_speckle(sonar.mult_sigma, len(seen), rng)
+        image.ravel()[seen] *= shape_speckle(energies[0].ravel()[seen], sonar.mult_sigma)
     if sonar.add_sigma or sonar.near_sigma:
-        energy = rng.standard_exponential(clean.shape, dtype=np.float32)
-        image += np.sqrt(2 * energy) * background_sigma(sonar, model)
+        image += np.sqrt(2 * energies[1]) * background_sigma(sonar, model)
     if sonar.threshold:
         image -= np.float32(sonar.threshold)
     return np.clip(image, 0, 1, out=image)
 
 
-def draw_speckle(contrast: float, count: int, rng: np.random.Generator) -> ImageArray:
-    """Draw Weibull variates of mean 1 and the stated standard deviation.
+def shape_speckle(energy: ImageArray, contrast: float) -> ImageArray:
+    """Turn exponential energies into Weibull amplitudes of mean 1 and the stated standard deviation.
 
     Weibull amplitudes hold fully developed speckle as the case of contrast 0.523 (Rayleigh), less where several looks
     or facets add up, more where few strong scatterers share a pixel.
     """
     power = _speckle_power(contrast)
-    draws = rng.standard_exponential(count, dtype=np.float32)
-    return np.asarray(draws ** np.float32(power) * np.float32(1 / math.gamma(1 + power)))
+    return np.asarray(energy ** np.float32(power) * np.float32(1 / math.gamma(1 + power)))
 
 
 @cache

@@ -17,9 +17,12 @@ from asfm.simulation.rays import Hits, RayCaster, RayFan, make_ray_fan
 from asfm.simulation.receiver import PointSpread, add_noise, leak_beams, make_point_spread, spread_beams, spread_ranges
 from asfm.simulation.scene import Scene
 from asfm.simulation.sensor import ImagingSonar, make_sonar_model
+from asfm.simulation.speckle import FieldBank, make_field_bank
 from asfm.sonar import SonarModel
 from asfm.types import FloatArray, FrameTruth, ImageArray
 
+BANK_SEED = 2048
+"""The bank belongs to the sonar; what a sequence's seed decides is what is drawn from it."""
 GAIN_POSES = 3
 MIDDLE_VALUE = 0.3
 STRONG_VALUE = 0.9
@@ -36,6 +39,8 @@ class Renderer:
     fan: RayFan
     strength: EchoStrength
     spread: PointSpread
+    bank: FieldBank | None
+    """Fields from which speckle and noise are drawn, where beams do not hear independently."""
     gain: float = 1.0
 
     def cast(self, world_from_sonar: FloatArray) -> Hits:
@@ -64,7 +69,7 @@ class Renderer:
         if self.sonar.multi_path:
             pulsed += self._measure_pulses(self._trace_second_bounce(world_from_sonar, hits))
         power = spread_beams(pulsed, self.spread) + leak_beams(pulsed, self.spread)
-        return add_noise(self.display(power), self.sonar, self.model, rng)
+        return add_noise(self.display(power), self.sonar, self.model, rng, self.bank)
 
     def render_truth(self, world_from_sonar: FloatArray) -> FrameTruth:
         """Give the elevation of every pixel, and the image of the direct echoes in the main lobes without noise."""
@@ -90,7 +95,8 @@ def make_renderer(scene: Scene, sonar: ImagingSonar, poses: FloatArray) -> Rende
     model = make_sonar_model(sonar)
     fan = make_ray_fan(model, sonar.elevation_bins)
     strength, spread = weigh_echoes(scene, fan, sonar, model), make_point_spread(sonar, model)
-    renderer = Renderer(scene, RayCaster(scene), sonar, model, fan, strength, spread)
+    bank = None if sonar.independent_beams else make_field_bank(spread.lobe, np.random.default_rng(BANK_SEED))
+    renderer = Renderer(scene, RayCaster(scene), sonar, model, fan, strength, spread, bank)
     return replace(renderer, gain=sonar.gain or _choose_gain(renderer, poses))
 
 

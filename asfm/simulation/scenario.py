@@ -56,6 +56,7 @@ def read_scenario(path: Path) -> Scenario:
     for name in ("Add", "Mult"):
         if f"{name}Cov" in settings:
             settings[f"{name}Sigma"] = _number(path, settings.pop(f"{name}Cov"), f"{name}Cov") ** 0.5
+    settings.setdefault("independent_beams", True)
     if "Hz" in sensor:
         settings["rate_hz"] = sensor["Hz"]
     if "name" not in settings:

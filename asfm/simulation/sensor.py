@@ -76,6 +76,9 @@ class ImagingSonar(BaseModel):
     """How reverberation falls with range: (range_min / range) ** exponent."""
     threshold: float = Field(default=0.0, ge=0, lt=1)
     """Image value that the sonar takes off every pixel, cutting what is below."""
+    independent_beams: bool = False
+    """Noise and speckle are drawn for every beam by itself, as behind an acoustic lens or in HoloOcean; else beams
+    whose lobes overlap hear alike."""
     multi_path_db: float = Field(default=-14.0, le=0)
     """Power that two mirror-like bounces leave of a second-bounce echo."""
     gain: float | None = Field(default=None, gt=0)
