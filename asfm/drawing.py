@@ -218,7 +218,7 @@ def summarise_run(sequence: Sequence, reconstruction: Reconstruction) -> str:
     good = landmarks.well_constrained
     spread = f" (median sigma {np.median(landmarks.sigma_m[good]):.3f} m)" if good.any() else ""
     low_m, high_m = span_heights(landmarks)
-    heights = f" from {low_m:.2f} m (blue) to {high_m:.2f} m (red)" if good.any() else ""
+    heights = f" from {low_m:.2f} m (blue) to {high_m:.2f} m (red)" if high_m > low_m else ""
     warnings = [*sequence.warnings, *reconstruction.warnings]
     return "\n\n".join(
         [

@@ -101,7 +101,7 @@ class RerunRecorder:
         self._log_map(reconstruction.tracks, landmarks)
         summary = self._rr.TextDocument(drawing.summarise_run(sequence, reconstruction), media_type="text/markdown")
         self._log("summary", summary, static=True)
-        outlook = drawing.choose_view(sequence.sonar, world_from_sonar, landmarks.xyz_m[landmarks.well_constrained])
+        outlook = drawing.choose_view(sequence.sonar, world_from_sonar, landmarks.xyz_m)
         self._send_blueprint(outlook, lines)
 
     def close(self) -> None:
