@@ -39,7 +39,7 @@ def _mirror_and_ball() -> Scene:
 
 
 def _render(renderer: Renderer) -> ImageArray:
-    return renderer.render(EYE, np.random.default_rng(0))
+    return renderer.render(EYE, renderer.cast(EYE), np.random.default_rng(0))
 
 
 def test_second_bounce_shows_a_ghost_behind_the_mirror() -> None:
@@ -53,7 +53,7 @@ def test_second_bounce_shows_a_ghost_behind_the_mirror() -> None:
     without = _render(make_renderer(scene, SONAR, EYE[None]))
     assert without[row - 5 : row + 20].max() < 0.05 * image.max()
     # Truth knows of no ghosts.
-    assert with_ghost.render_truth(EYE).clean[row - 5 : row + 20].max() < 0.05 * image.max()
+    assert with_ghost.render_truth(with_ghost.cast(EYE)).clean[row - 5 : row + 20].max() < 0.05 * image.max()
 
 
 def test_ghosts_lose_what_the_mirrors_take() -> None:
@@ -68,16 +68,16 @@ def test_ghosts_lose_what_the_mirrors_take() -> None:
 def test_range_delays_are_exponential_and_only_in_the_image() -> None:
     ball = Scene("ball", *move_mesh(make_ball(0.3), (4.0, 0.0, 0.0)), np.ones(5120))
     renderer = make_renderer(ball, SONAR.model_copy(update={"range_sigma": 0.2}), EYE[None])
-    echoes = renderer.trace(EYE)
+    echoes = renderer.trace(renderer.cast(EYE))
     late = delay_echoes(echoes, 8.0, np.random.default_rng(1)).row - echoes.row
     assert (
         late.min() >= 0 and late.mean() == pytest.approx(8.0, rel=0.03) and late.std() == pytest.approx(8.0, rel=0.05)
     )
     weight = _render(renderer) ** 2
-    clean = renderer.render_truth(EYE).clean ** 2
+    clean = renderer.render_truth(renderer.cast(EYE)).clean ** 2
     middle_m = [(power.sum(axis=1) @ renderer.model.range_m) / power.sum() for power in (weight, clean)]
     assert middle_m[0] - middle_m[1] == pytest.approx(0.2, abs=0.08)
-    assert np.nanmax(np.abs(renderer.render_truth(EYE).elevation_rad)) < np.arcsin(0.3 / 4) + 0.004
+    assert np.nanmax(np.abs(renderer.render_truth(renderer.cast(EYE)).elevation_rad)) < np.arcsin(0.3 / 4) + 0.004
 
 
 def test_grain_stays_with_the_world_as_the_sonar_moves() -> None:
@@ -88,7 +88,8 @@ def test_grain_stays_with_the_world_as_the_sonar_moves() -> None:
     step = EYE.copy()
     step[0, 3] = 10 * GRAIN_M
     before, after = (
-        rough.render_truth(pose).clean / np.maximum(smooth.render_truth(pose).clean, 1e-3) for pose in (EYE, step)
+        rough.render_truth(rough.cast(pose)).clean / np.maximum(smooth.render_truth(smooth.cast(pose)).clean, 1e-3)
+        for pose in (EYE, step)
     )
     shift = round(10 * GRAIN_M / rough.model.range_step_m)
     first, last = 480, 560  # about 3.5 m, where range grows nearly as the way ahead does
@@ -105,5 +106,5 @@ def test_grain_stays_with_the_world_as_the_sonar_moves() -> None:
 def test_grain_keeps_the_mean_echo() -> None:
     plate = Scene("plate", *move_mesh(make_sheet((6.0, 6.0), 0.5), (3.5, 0.0, -0.5)), np.ones(288))
     smooth, rough = (make_renderer(scene, SONAR, EYE[None]) for scene in (plate, replace(plate, grain=0.5)))
-    power = [renderer.measure_power(renderer.trace(EYE)).sum() for renderer in (smooth, rough)]
+    power = [renderer.measure_power(renderer.trace(renderer.cast(EYE))).sum() for renderer in (smooth, rough)]
     assert power[1] == pytest.approx(power[0], rel=0.02)

@@ -28,7 +28,7 @@ def _ball(centre_m: FloatArray, radius_m: float, subdivisions: int = 4) -> Scene
 
 def _render(scene: Scene, pose: FloatArray, sonar: ImagingSonar = SONAR) -> tuple[Renderer, ImageArray, FloatArray]:
     renderer = make_renderer(scene, sonar.model_copy(update={"gain": 1.0}), pose[None])
-    echoes = renderer.trace(pose)
+    echoes = renderer.trace(renderer.cast(pose))
     return renderer, np.sqrt(renderer.measure_power(echoes)), average_elevation(echoes, renderer.model.shape)
 
 

@@ -47,9 +47,9 @@ class Renderer:
         """Find what all rays of one ping strike."""
         return self.caster.cast(world_from_sonar, self.fan.direction, self.sonar.range_max)
 
-    def trace(self, world_from_sonar: FloatArray) -> Echoes:
-        """Find all direct echoes of one ping."""
-        return trace_echoes(self.cast(world_from_sonar), self.fan, self.strength, self.model)
+    def trace(self, hits: Hits) -> Echoes:
+        """Turn what the rays of one ping struck into its direct echoes."""
+        return trace_echoes(hits, self.fan, self.strength, self.model)
 
     def measure_power(self, echoes: Echoes) -> ImageArray:
         """Give the (ranges, beams) echo density as the main lobes hear it."""
@@ -59,10 +59,12 @@ class Renderer:
         """Turn echo density into image values in 0..1: amplitudes, the strong ones softly limited."""
         return np.asarray(-np.expm1(np.sqrt(power) * np.float32(-self.gain)))
 
-    def render(self, world_from_sonar: FloatArray, rng: np.random.Generator) -> ImageArray:
-        """Give the (ranges, beams) image that the sonar records: echoes, side lobes, second bounces, noise."""
-        hits = self.cast(world_from_sonar)
-        echoes = trace_echoes(hits, self.fan, self.strength, self.model)
+    def render(self, world_from_sonar: FloatArray, hits: Hits, rng: np.random.Generator) -> ImageArray:
+        """Give the (ranges, beams) image that the sonar records: echoes, side lobes, second bounces, noise.
+
+        ``hits`` is what :meth:`cast` found from that pose.
+        """
+        echoes = self.trace(hits)
         if self.sonar.range_sigma:
             echoes = delay_echoes(echoes, self.sonar.range_sigma / self.model.range_step_m, rng)
         pulsed = self._measure_pulses(echoes)
@@ -71,9 +73,9 @@ class Renderer:
         power = spread_beams(pulsed, self.spread) + leak_beams(pulsed, self.spread)
         return add_noise(self.display(power), self.sonar, self.model, rng, self.bank)
 
-    def render_truth(self, world_from_sonar: FloatArray) -> FrameTruth:
+    def render_truth(self, hits: Hits) -> FrameTruth:
         """Give the elevation of every pixel, and the image of the direct echoes in the main lobes without noise."""
-        echoes = self.trace(world_from_sonar)
+        echoes = self.trace(hits)
         return FrameTruth(average_elevation(echoes, self.model.shape), self.display(self.measure_power(echoes)))
 
     def _measure_pulses(self, echoes: Echoes) -> ImageArray:
@@ -81,8 +83,7 @@ class Renderer:
 
     def _trace_second_bounce(self, world_from_sonar: FloatArray, hits: Hits) -> Echoes:
         """Find the echoes that go sonar, mirror, surface, mirror, sonar: heard behind the mirror, at its bearing."""
-        again = self.caster.bounce(world_from_sonar, hits, self.sonar.range_max)
-        echoes = trace_echoes(again, self.fan, self.strength, self.model)
+        echoes = self.trace(self.caster.bounce(world_from_sonar, hits, self.sonar.range_max))
         return replace(echoes, power=echoes.power * np.float32(10 ** (self.sonar.multi_path_db / 10)))
 
 
@@ -103,7 +104,9 @@ def make_renderer(scene: Scene, sonar: ImagingSonar, poses: FloatArray) -> Rende
 def _choose_gain(renderer: Renderer, poses: FloatArray) -> float:
     """Set the gain as an operator would: the middle echo is dark grey and nine in ten are below the limit."""
     sample = poses[np.unique(np.linspace(0, len(poses) - 1, GAIN_POSES).round().astype(int))]
-    echo = np.concatenate([np.sqrt(renderer.measure_power(renderer.trace(pose))).ravel() for pose in sample])
+    echo = np.concatenate(
+        [np.sqrt(renderer.measure_power(renderer.trace(renderer.cast(pose)))).ravel() for pose in sample]
+    )
     echo = echo[echo > 0.02 * max(float(echo.max()), 1e-12)]
     if not len(echo):
         return 1.0

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from asfm.sequence import Sequence
 from asfm.simulation.motions import find_motion
 from asfm.simulation.navigation import SlowDrift, simulate_navigation, simulate_odometry
 from asfm.simulation.presets import find_preset
+from asfm.simulation.rays import Hits
 from asfm.simulation.renderer import Renderer, make_renderer
 from asfm.simulation.scenario import Scenario, read_scenario
 from asfm.simulation.scene import Scene
@@ -121,8 +123,12 @@ def simulate_path(
     renderer = make_renderer(scene, sonar, poses)
     check_outside(scene, renderer.caster, poses)
 
+    @lru_cache(maxsize=1)  # a writer asks for a frame and then for its truth
+    def cast(index: int) -> Hits:
+        return renderer.cast(poses[index])
+
     def read_frame(index: int) -> Frame:
-        image = renderer.render(poses[index], _generator(seed, _FRAMES, index))
+        image = renderer.render(poses[index], cast(index), _generator(seed, _FRAMES, index))
         return Frame(index, float(path.timestamps_s[index]), image, np.zeros(image.shape, dtype=bool))
 
     sequence = Sequence(
@@ -138,7 +144,7 @@ def simulate_path(
         kind="simulated",
         warnings=_list_warnings(renderer, poses),
     )
-    return SimulatedSequence(sequence, scene, sonar, renderer, lambda index: renderer.render_truth(poses[index]))
+    return SimulatedSequence(sequence, scene, sonar, renderer, lambda index: renderer.render_truth(cast(index)))
 
 
 def _list_warnings(renderer: Renderer, poses: FloatArray) -> tuple[str, ...]:
