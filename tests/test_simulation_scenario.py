@@ -39,6 +39,7 @@ def test_resolutions_and_covariances_become_bins_and_sigmas(tmp_path: Path) -> N
     sonar = read_scenario(path).sonar
     assert (sonar.range_bins, sonar.azimuth_bins) == (400, 120)
     assert sonar.add_sigma == pytest.approx(0.2)
+    assert sonar.mult_sigma == 0 and sonar.independent_beams  # HoloOcean's defaults, not ours
 
 
 def test_description_reads_back(tmp_path: Path) -> None:

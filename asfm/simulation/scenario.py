@@ -30,6 +30,9 @@ ENGINE_KEYS = {
 }
 """What HoloOcean's octree and its drawing need and rays do not."""
 
+HOLOOCEAN_DEFAULTS = {"AddSigma": 0.0, "MultSigma": 0.0, "independent_beams": True}
+"""Where a key is missing, HoloOcean's own default rather than ours."""
+
 
 @dataclass(frozen=True)
 class Scenario:
@@ -56,7 +59,7 @@ def read_scenario(path: Path) -> Scenario:
     for name in ("Add", "Mult"):
         if f"{name}Cov" in settings:
             settings[f"{name}Sigma"] = _number(path, settings.pop(f"{name}Cov"), f"{name}Cov") ** 0.5
-    settings.setdefault("independent_beams", True)
+    settings = HOLOOCEAN_DEFAULTS | settings
     if "Hz" in sensor:
         settings["rate_hz"] = sensor["Hz"]
     if "name" not in settings:

@@ -25,6 +25,8 @@ from asfm.types import FloatArray, Frame, FrameTruth, SensorNoise, Trajectory
 SENSOR_NOISE = SensorNoise(0.02, float(np.deg2rad(0.3)), 0.01, float(np.deg2rad(0.2)), float(np.deg2rad(0.2)))
 """A DVL with a gyro, a pressure cell and an attitude sensor, a step between frames."""
 
+SLOW_DRIFT = SlowDrift()
+
 _SCENE, _MOTION, _ODOMETRY, _NAVIGATION, _FRAMES = range(5)
 """Each use of chance has a stream of its own, so that none depends on what was drawn before it."""
 
@@ -111,7 +113,7 @@ def simulate_path(
     seed: int = 0,
     vehicle_from_sonar: FloatArray | None = None,
     noise: SensorNoise = SENSOR_NOISE,
-    drift: SlowDrift | None = SlowDrift(),  # noqa: B008 -- frozen
+    drift: SlowDrift | None = SLOW_DRIFT,
 ) -> SimulatedSequence:
     """Simulate a sequence along the path of a vehicle that carries the sonar.
 
