@@ -88,7 +88,8 @@ def delay_echoes(echoes: Echoes, delay_rows: float, rng: np.random.Generator) ->
 
 def _grain_number(place_m: ImageArray) -> NDArray[np.int32]:
     """Hash the cube of space that each (3, N) place lies in to 0..65535."""
-    x, y, z = np.floor(place_m * np.float32(1 / GRAIN_M)).astype(np.int32)
+    # The shift makes all numbers positive, so that cutting off the fraction is rounding down.
+    x, y, z = (place_m * np.float32(1 / GRAIN_M) + np.float32(1 << 14)).astype(np.int32)
     number: NDArray[np.int32] = x * np.int32(73856093) ^ y * np.int32(19349663) ^ z * np.int32(83492791)
     number ^= number >> 15
     number &= 0xFFFF
@@ -164,12 +165,12 @@ def accumulate_power(echoes: Echoes, shape: tuple[int, int]) -> ImageArray:
     position = np.clip(echoes.row + np.float32(0.5), 0, rows + 1)
     upper = position.astype(np.int64)
     share = (position - upper) * echoes.power
-    # One row of padding on either side takes what lies outside; a second below for the clipped end.
-    flat = upper * columns + echoes.column
-    size = (rows + 3) * columns
-    total = np.bincount(flat, echoes.power - share, size)
-    total += np.bincount(flat + columns, share, size)
-    return total.reshape(-1, columns)[1 : rows + 1].astype(np.float32)
+    upper *= columns
+    upper += echoes.column
+    size = (rows + 2) * columns  # a row of padding on either side takes what lies outside
+    near = np.bincount(upper, echoes.power - share, size)
+    far = np.bincount(upper, share, size)
+    return np.asarray(near[columns:-columns] + far[: -2 * columns], dtype=np.float32).reshape(shape)
 
 
 def average_elevation(echoes: Echoes, shape: tuple[int, int]) -> FloatArray:

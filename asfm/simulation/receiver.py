@@ -120,7 +120,8 @@ def add_noise(
         seen = np.flatnonzero(clean > SPECKLED)  # a third of the image, as a rule
         image.ravel()[seen] *= shape_speckle(energies[0].ravel()[seen], sonar.mult_sigma)
     if sonar.add_sigma or sonar.near_sigma:
-        image += np.sqrt(2 * energies[1]) * background_sigma(sonar, model)
+        noise = energies[1] * (2 * background_sigma(sonar, model) ** 2)
+        image += np.sqrt(noise, out=noise)
     if sonar.threshold:
         image -= np.float32(sonar.threshold)
     return np.clip(image, 0, 1, out=image)
