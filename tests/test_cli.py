@@ -254,9 +254,9 @@ def readme_commands() -> Iterator[str]:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     for block in re.findall(r"^```[^\n]*\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL):
         for line in block.replace("\\\n", " ").splitlines():
-            words = shlex.split(line.removeprefix("$ "), comments=True)
-            if words and Path(words[0]).name == "asfm":
-                yield shlex.join(words[1:])
+            program, _, arguments = line.strip().removeprefix("$ ").partition(" ")
+            if Path(program).name == "asfm":
+                yield shlex.join(shlex.split(arguments, comments=True))
 
 
 def parse(line: str) -> None:
