@@ -6,10 +6,10 @@ import gtsam
 import numpy as np
 
 from asfm.backend.factors import (
-    aperture_factor,
     attitude_factor,
     bearing_factor,
     depth_factor,
+    elevation_factor,
     range_factor,
     step_factor,
 )
@@ -23,8 +23,8 @@ FIRST_POINT = gtsam.symbol("l", 0)
 ITERATIONS_BETWEEN_CHECKS = 4
 """Steps of Levenberg-Marquardt before it is looked again which points have left the beam."""
 MAX_CHECKS = 15
-SETTLED = 1e-4
-"""Relative change of the cost between two checks below which the optimum counts as reached."""
+APERTURE_EDGE_RAD = 0.01
+"""Standard deviation of the elevation beyond the edge of the aperture: beams do not end sharply."""
 
 
 @dataclass(frozen=True)
@@ -53,19 +53,24 @@ class Bundle:
     in_graph: BoolArray
     """(T,) which tracks have factors."""
     graph: gtsam.NonlinearFactorGraph
+    """All measurements, without the pulls into the beam: a bound is no measurement and must not shrink a covariance."""
     values: gtsam.Values
 
 
-def adjust_bundle(problem: BundleProblem, world_from_vehicle: FloatArray, xyz_m: FloatArray) -> Bundle:
+def adjust_bundle(
+    problem: BundleProblem, world_from_vehicle: FloatArray, xyz_m: FloatArray, settled: float = 1e-3
+) -> Bundle:
     """Optimise all poses and points at once, by Levenberg-Marquardt with Cauchy kernels on the sonar's factors.
 
     Points must stay inside the beam. That is an inequality, so it is kept as an active set: every few iterations, the
-    observations whose point has left the elevation aperture get a factor that pulls it to the edge.
+    observations whose point has left the elevation aperture get a factor that pulls it to the edge. The first few
+    iterations pull every point towards the middle of its beams instead, lest poor poses throw points far out.
 
     Args:
         problem: what is known.
         world_from_vehicle: (N, 4, 4) initial poses.
         xyz_m: (T, 3) initial points, world frame.
+        settled: relative change of the cost between two checks below which the optimum counts as reached.
     """
     graph = gtsam.NonlinearFactorGraph()
     _add_sensor_factors(graph, problem.sensors)
@@ -73,18 +78,23 @@ def adjust_bundle(problem: BundleProblem, world_from_vehicle: FloatArray, xyz_m:
     in_graph = np.zeros(len(xyz_m), dtype=bool)
     in_graph[problem.tracks.track[problem.observed]] = True
     poses, points = world_from_vehicle, xyz_m
-    outside, cost = np.zeros(len(problem.tracks), dtype=bool), np.inf
-    for _ in range(MAX_CHECKS):
-        before, cost_before = outside, cost
-        outside, edge_rad = _find_outside(problem, poses, points)
+    cost = np.inf
+    for check in range(MAX_CHECKS):
+        cost_before = cost
         held = graph.clone()
-        _add_aperture_factors(held, problem, outside, edge_rad)
+        if check == 0:
+            _add_elevation_factors(
+                held, problem, problem.observed, np.zeros(len(problem.tracks)), problem.half_aperture_rad
+            )
+        else:
+            outside, edge_rad = _find_outside(problem, poses, points)
+            _add_elevation_factors(held, problem, outside, edge_rad, APERTURE_EDGE_RAD)
         values = _optimise(held, _make_values(poses, points, in_graph))
         poses, points = _read_values(values, len(poses), points, in_graph)
         cost = held.error(values)
-        if np.array_equal(outside, before) and abs(cost_before - cost) <= SETTLED * cost:
+        if check > 1 and abs(cost_before - cost) <= settled * cost:
             break
-    return Bundle(poses, points, in_graph, held, values)
+    return Bundle(poses, points, in_graph, graph, values)
 
 
 def landmark_covariances(bundle: Bundle) -> FloatArray:
@@ -133,14 +143,20 @@ def _find_outside(
     return outside, np.copysign(problem.half_aperture_rad, elevation_rad)
 
 
-def _add_aperture_factors(
-    graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, outside: BoolArray, edge_rad: FloatArray
+def _add_elevation_factors(
+    graph: gtsam.NonlinearFactorGraph,
+    problem: BundleProblem,
+    pulled: BoolArray,
+    elevation_rad: FloatArray,
+    sigma_rad: float,
 ) -> None:
+    """Pull the points of the chosen (O,) observations to (O,) elevations."""
     tracks = problem.tracks
     lever_arm = gtsam.Pose3(problem.vehicle_from_sonar)
-    for index in np.flatnonzero(outside).tolist():
+    for index in np.flatnonzero(pulled).tolist():
         pose, point = FIRST_POSE + int(tracks.frame[index]), FIRST_POINT + int(tracks.track[index])
-        graph.add(aperture_factor(pose, point, float(tracks.bearing_rad[index]), float(edge_rad[index]), lever_arm))
+        beam, target = float(tracks.bearing_rad[index]), float(elevation_rad[index])
+        graph.add(elevation_factor(pose, point, beam, target, sigma_rad, lever_arm))
 
 
 def _make_values(world_from_vehicle: FloatArray, xyz_m: FloatArray, in_graph: BoolArray) -> gtsam.Values:

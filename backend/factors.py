@@ -13,8 +13,6 @@ from asfm.types import FloatArray
 
 UNKNOWN_ELEVATION_SIGMA = 1e2
 """Standard deviation of tan(elevation): says that the elevation is not measured."""
-APERTURE_EDGE_RAD = 0.01
-"""Standard deviation of the elevation beyond the edge of the aperture: beams do not end sharply."""
 UNIT_CAMERA = gtsam.Cal3_S2(1.0, 1.0, 0.0, 0.0, 0.0)
 
 
@@ -39,12 +37,17 @@ def bearing_factor(
     return gtsam.GenericProjectionFactorCal3_S2(np.zeros(2), noise, pose_key, point_key, UNIT_CAMERA, vehicle_from_beam)
 
 
-def aperture_factor(
-    pose_key: int, point_key: int, bearing_rad: float, elevation_rad: float, vehicle_from_sonar: gtsam.Pose3
+def elevation_factor(
+    pose_key: int,
+    point_key: int,
+    bearing_rad: float,
+    elevation_rad: float,
+    sigma_rad: float,
+    vehicle_from_sonar: gtsam.Pose3,
 ) -> gtsam.NonlinearFactor:
-    """Pull a point to an elevation, the edge of the aperture, with the softness of the beam's edge."""
+    """Pull a point to an elevation of a beam."""
     vehicle_from_beam = vehicle_from_sonar.compose(gtsam.Pose3(sonar_from_beam(bearing_rad), np.zeros(3)))
-    noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([UNKNOWN_ELEVATION_SIGMA, APERTURE_EDGE_RAD]))
+    noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([UNKNOWN_ELEVATION_SIGMA, sigma_rad]))
     measured = np.array([0.0, np.tan(elevation_rad)])
     return gtsam.GenericProjectionFactorCal3_S2(measured, noise, pose_key, point_key, UNIT_CAMERA, vehicle_from_beam)
 
