@@ -54,7 +54,7 @@ class KeypointsConfig(Section):
     """Sigma of the Gaussian that calms the speckle before detection."""
     max_count: int = Field(default=500, ge=1)
     """The strongest are kept."""
-    margin_px: int = Field(default=2, ge=0)
+    margin_px: int = Field(default=4, ge=0)
     """How far the mask reaches beyond the echoes, in pixels of the polar image."""
     max_stretch: float = Field(default=4.0, ge=1)
     """Largest factor by which the bearing axis is stretched."""
@@ -94,7 +94,7 @@ class SslConfig(Section):
     radius_px: int = Field(default=7, ge=1)
     structural_weight: float = Field(default=1.0, ge=0)
     spatial_weight: float = Field(default=1.0, ge=0)
-    max_loss: float = Field(default=0.8, gt=0)
+    max_loss: float = Field(default=0.3, gt=0)
 
 
 class BackendConfig(Section):
@@ -106,7 +106,7 @@ class BackendConfig(Section):
     """How often association and optimisation alternate."""
     track_correlation: float = Field(default=0.3, ge=0, le=1)
     """Correlation of the errors of one track's observations: features slide along edges in step."""
-    motion_prior_factor: float = Field(default=2.0, gt=0)
+    motion_prior_factor: float = Field(default=1.5, gt=0)
     """Without odometry: sigma of a step, over the typical step of the planar motions."""
     well_constrained_share: float = Field(default=0.25, gt=0)
     """A landmark is well constrained when its sigma is below this share of half its elevation arc."""

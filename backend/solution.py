@@ -10,7 +10,7 @@ from asfm.backend.triangulation import triangulate_tracks
 from asfm.config import Config
 from asfm.sequence import Sequence
 from asfm.sonar import feature_sigma
-from asfm.types import BoolArray, FloatArray, Tracks
+from asfm.types import BoolArray, FloatArray, IntArray, Tracks
 
 TRIANGULATION_SLACK = 1.5
 """Sigmas are widened by this for triangulation, because the poses are not yet right."""
@@ -58,7 +58,7 @@ def solve_tracks(
     return Solution(tracks, observed, adjust_bundle(problem, world_from_vehicle, found.xyz_m))
 
 
-def _correlation_factor(views: FloatArray, config: Config) -> FloatArray:
+def _correlation_factor(views: IntArray, config: Config) -> FloatArray:
     """Widen the sigmas of a track's n observations whose errors are correlated by rho: sqrt(1 + (n - 1) rho).
 
     The mean of n values with that correlation is as uncertain as the mean of n independent ones so widened.

@@ -1,6 +1,7 @@
 """Triangulation made for sonar: every track at once, over a grid of elevations, with a truncated cost."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -9,6 +10,8 @@ from asfm.sonar import SonarModel, project
 from asfm.types import BoolArray, FloatArray, IntArray, Tracks
 
 OBSERVATIONS_AT_ONCE = 20_000
+EDGE_RAD = 0.04
+"""Standard deviation of the elevation beyond the edge of the aperture; wide, because the poses are not yet right."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +88,7 @@ def _chunks_of_tracks(start: IntArray, observation_count: int) -> list[slice]:
     """Cut the tracks into runs of about OBSERVATIONS_AT_ONCE observations, to bound memory."""
     cuts = np.searchsorted(start, np.arange(0, observation_count, OBSERVATIONS_AT_ONCE))
     edges = np.unique(np.append(cuts, len(start)))
-    return [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return [slice(int(a), int(b)) for a, b in pairwise(edges)]
 
 
 def _search(
@@ -116,16 +119,16 @@ def _search(
     cost = ((range_m - tracks.range_m[observed, None]) / sigma[:, :1]) ** 2
     cost += ((bearing_rad - tracks.bearing_rad[observed, None]) / sigma[:, 1:]) ** 2
     outside = np.abs(elevation_rad) - sonar.elevation_aperture_rad / 2
-    cost += (np.maximum(outside, 0) / sigma[:, 1:]) ** 2
+    cost += (np.maximum(outside, 0) / EDGE_RAD) ** 2
     total = np.add.reduceat(np.minimum(cost, truncation**2), first - first[0], axis=0)
-    return candidates[np.arange(len(first)), total.argmin(axis=1)]
+    return np.asarray(candidates[np.arange(len(first)), total.argmin(axis=1)])
 
 
 def _judge(
     xyz_m: FloatArray, tracks: Tracks, sonar_from_world: FloatArray, sigma: FloatArray, truncation: float, half: float
 ) -> tuple[BoolArray, FloatArray, FloatArray]:
     residual, elevation_rad = whitened_residuals(xyz_m, tracks, sonar_from_world, sigma)
-    outside = np.maximum(np.abs(elevation_rad) - half, 0) / sigma[:, 1]
+    outside = np.maximum(np.abs(elevation_rad) - half, 0) / EDGE_RAD
     return (residual**2).sum(axis=1) + outside**2 <= truncation**2, residual, elevation_rad
 
 

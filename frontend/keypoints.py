@@ -26,7 +26,7 @@ def detect_keypoints(frame: Frame, mask: BoolArray, sonar: SonarModel, config: C
     stretch = column_stretch(sonar, settings)
     image = _stretch(_normalise_gain(frame.image, settings), stretch, cv2.INTER_LINEAR)
     allowed = _stretch(mask.astype(np.uint8), stretch, cv2.INTER_NEAREST)
-    detector = cv2.AKAZE_create(descriptor_type=cv2.AKAZE_DESCRIPTOR_MLDB_UPRIGHT, threshold=settings.threshold)
+    detector = cv2.AKAZE.create(cv2.AKAZE_DESCRIPTOR_MLDB_UPRIGHT, threshold=settings.threshold)
     found, descriptors = detector.detectAndCompute((image * 255).astype(np.uint8), allowed)
     if not found:
         return _no_keypoints(config.ssl.radius_px)

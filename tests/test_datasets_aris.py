@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from asfm.datasets import open_sequence
 from asfm.datasets.aris import read_aris
 from asfm.datasets.aris_lenses import beam_centres_rad

@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+
 from asfm.datasets import open_sequence
 from asfm.datasets.native import read_native
 from asfm.datasets.native_writer import write_native

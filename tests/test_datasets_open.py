@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
+
 from asfm.datasets import open_sequence, open_truth
 from asfm.datasets.native_writer import write_native
 from asfm.datasets.summary import path_length_m, summarise_sequence
@@ -15,7 +17,6 @@ from asfm.poses import make_pose
 from asfm.sequence import Sequence
 from asfm.sonar import SonarModel
 from asfm.types import Frame, Trajectory
-from scipy.spatial.transform import Rotation
 
 
 def test_a_path_without_anything_is_one_line(tmp_path: Path) -> None:

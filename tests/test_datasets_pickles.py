@@ -11,16 +11,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+from scipy.spatial.transform import Rotation
+
 from asfm.datasets import open_sequence
 from asfm.datasets.safe_pickle import load_pickle
 from asfm.errors import AsfmError
 from asfm.poses import invert, make_pose, transform
 from asfm.sequence import Sequence
 from asfm.sonar import project
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from hypothesis.extra import numpy as npst
-from scipy.spatial.transform import Rotation
 
 SHAPE = (16, 6)
 GEOMETRY = {"Azimuth": 60, "Elevation": 12, "RangeMin": 0.5, "RangeMax": 4.5, "RangeBins": 16, "AzimuthBins": 6}

@@ -100,7 +100,8 @@ def _deal_grains(grain: float) -> ImageArray:
     """Draw the grains' factors, of mean 1; always the same ones."""
     if not grain:
         return np.ones(1, dtype=np.float32)
-    draws = np.random.default_rng(65536).standard_normal(65536)
+    rng = np.random.default_rng(65536)
+    draws = rng.standard_normal(65536)
     return np.exp(grain * draws - 0.5 * grain**2).astype(np.float32)
 
 
