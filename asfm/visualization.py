@@ -26,6 +26,8 @@ FAN_WIDTH_PX, FAN_HEIGHT_PX = 600, 1000
 TAIL_FRAMES = 10
 SHEET_OPACITY = 110
 """Of the picture that hangs in the 3-D view, of 255."""
+FLUSH_S, PATIENT_FLUSH_S = 5.0, 60.0
+"""How long to wait for the recording to be written, at first and once more."""
 
 
 class RerunRecorder:
@@ -48,6 +50,7 @@ class RerunRecorder:
             path.open("wb").close()
         except OSError as error:
             raise AsfmError(f"{path}: cannot write the recording: {error.strerror}") from None
+        self._path = path
         self._rr: Any = rerun
         self._stamps_s = sequence.timestamps_s
         sonar = sequence.sonar
@@ -64,7 +67,10 @@ class RerunRecorder:
         )
         self._stream.set_log_time_enabled(False)
         self._stream.set_log_tick_enabled(False)
-        self._stream.save(path)
+        try:
+            self._stream.save(path)
+        except RuntimeError as error:
+            raise AsfmError(f"{path}: cannot write the recording: {_one_line(error)}") from None
         self._stream.send_recording_name(sequence.name)
         self._log("world", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         self._name_curves("counts", {"keypoints": drawing.KEYPOINT, "matches": drawing.MATCH, "tracks": drawing.MASK})
@@ -105,9 +111,27 @@ class RerunRecorder:
         self._send_blueprint(outlook, lines)
 
     def close(self) -> None:
-        """Write what is still buffered and close the file."""
-        self._stream.flush()
-        self._stream.disconnect()
+        """Write what is still buffered and close the file.
+
+        Raises:
+            AsfmError: not all of it could be written, as on a full disk.
+        """
+        try:
+            self._flush()
+        except RuntimeError as error:
+            raise AsfmError(f"{self._path}: cannot write the recording: {_one_line(error)}") from None
+        finally:
+            self._stream.disconnect()
+
+    def _flush(self) -> None:
+        """Wait for Rerun's writer, but not for ever: where a write fails the writer ends and may never answer.
+
+        Asked again, a writer that has ended is known to have; one that is only slow gets its time.
+        """
+        try:
+            self._stream.flush(timeout_sec=FLUSH_S)
+        except RuntimeError:
+            self._stream.flush(timeout_sec=PATIENT_FLUSH_S)
 
     def _log_trajectories(self, sequence: Sequence, estimate: Trajectory) -> list[str]:
         """Draw the lines as a whole, the estimate's once more step by step, and how far each is from the truth.
@@ -260,6 +284,10 @@ def _show_last(frames: int | None, step_s: float) -> Any:
         starts["frame"] = TimeRangeBoundary.cursor_relative(seq=1 - frames)
         starts["time"] = TimeRangeBoundary.cursor_relative(seconds=(0.5 - frames) * step_s)
     return VisibleTimeRanges([VisibleTimeRange(name, start=start, end=now) for name, start in starts.items()])
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())
 
 
 def open_viewer(path: Path) -> int:

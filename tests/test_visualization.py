@@ -404,6 +404,78 @@ def test_unwritable_and_missing_files_are_one_line(tmp_path: Path) -> None:
         open_viewer(tmp_path / "x.rrd")
 
 
+class _FailingStream:
+    """A stream whose first flushes fail as Rerun's do."""
+
+    def __init__(self, failures: int) -> None:
+        self.failures = failures
+        self.calls: list[str | float] = []
+
+    def flush(self, *, timeout_sec: float) -> None:
+        self.calls.append(timeout_sec)
+        if len(self.calls) <= self.failures:
+            raise RuntimeError("File-writer thread\nshut down prematurely")
+
+    def disconnect(self) -> None:
+        self.calls.append("disconnect")
+
+
+def test_a_recording_that_cannot_be_finished_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "full.rrd"
+    recorder, stream = RerunRecorder(path, _sequence()), _FailingStream(2)
+    monkeypatch.setattr(recorder, "_stream", stream)
+    with pytest.raises(AsfmError) as caught:
+        recorder.close()
+    assert str(caught.value) == f"{path}: cannot write the recording: File-writer thread shut down prematurely"
+    assert stream.calls == [5.0, 60.0, "disconnect"]
+
+
+def test_a_slow_disk_is_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recorder, stream = RerunRecorder(tmp_path / "slow.rrd", _sequence()), _FailingStream(1)
+    monkeypatch.setattr(recorder, "_stream", stream)
+    recorder.close()
+    assert stream.calls == [5.0, 60.0, "disconnect"]
+
+
+FULL_DISK = """
+import resource, sys
+from pathlib import Path
+import numpy as np
+from asfm.errors import AsfmError
+from asfm.sequence import Sequence
+from asfm.sonar import SonarModel
+from asfm.types import Frame, Keypoints
+from asfm.visualization import RerunRecorder
+
+limit, shape = int(sys.argv[2]), (200, 100)
+resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+sonar = SonarModel.evenly_spaced("toy", (0.5, 8.0), (-0.6, 0.5), shape, 0.2)
+none = np.zeros(0)
+keypoints = Keypoints(np.zeros((0, 2)), none, none, none, np.zeros((0, 61), np.uint8), np.zeros((0, 3, 3), np.float32))
+rng = np.random.default_rng(0)
+frames = [Frame(i, float(i), rng.random(shape, np.float32), np.zeros(shape, bool)) for i in range(4)]
+try:
+    recorder = RerunRecorder(Path(sys.argv[1]), Sequence("toy", sonar, np.arange(4.0), frames.__getitem__))
+    for frame in frames:
+        recorder.record_frame(frame, ~frame.invalid, keypoints)
+    recorder.close()
+except AsfmError as error:
+    sys.exit(f"FAULT {error}")
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="file sizes cannot be limited")
+@pytest.mark.parametrize(("limit", "written"), [(0, False), (20_000, False), (50_000_000, True)])
+def test_a_full_disk_ends_the_run_with_one_line(tmp_path: Path, limit: int, written: bool) -> None:
+    path = tmp_path / "toy.rrd"
+    command = [sys.executable, "-c", FULL_DISK, str(path), str(limit)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=90, check=False)
+    fault = [line for line in done.stderr.splitlines() if line.startswith("FAULT")]
+    assert len(fault) == (0 if written else 1), done.stderr
+    assert done.returncode == (0 if written else 1), done.stderr
+    assert all(line.startswith(f"FAULT {path}: cannot write the recording: ") for line in fault)
+
+
 def test_viewer_opens_alone_and_on_this_machine_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     commands: list[list[str]] = []
 
