@@ -137,14 +137,19 @@ def simulate(
     sonar: Annotated[str, typer.Option(help="A wrong name lists them all.")] = "oculus_m750d_high",
     frames: Annotated[int, typer.Option(help="How many.")] = 80,
     seed: Annotated[int, typer.Option(help="The same seed gives the same bytes.")] = 0,
+    motion: Annotated[str | None, typer.Option(help="A wrong name lists them all.", metavar="NAME|FILE.tum")] = None,
+    format_name: Annotated[
+        str, typer.Option("--format", help="native, or holoocean: images and true poses.")
+    ] = "native",
     overwrite: Overwrite = False,
 ) -> None:
     """Simulate a sequence with its truth."""
     from asfm.commands import simulate_to
 
     with _show_progress() as progress:
-        simulate_to(scene, output, sonar, frames, seed, overwrite, progress)
-    typer.echo(f"{frames} frames in {output}; reconstruct them with: asfm run {output} --output results")
+        simulated = simulate_to(scene, output, sonar, frames, seed, overwrite, progress, motion, format_name)
+    typer.echo(f"{len(simulated)} frames in {output}; reconstruct them with: asfm run {output} --output results")
+    _warn(simulated.warnings)
 
 
 @app.command()

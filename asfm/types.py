@@ -174,6 +174,6 @@ class FrameTruth:
     """What no recording knows of a frame and a simulation does."""
 
     elevation_rad: FloatArray
-    """(ranges, beams), energy-weighted elevation of each pixel's echo; NaN where nothing echoes."""
+    """(ranges, beams), elevation of each pixel's strongest surface, energy-weighted; NaN where nothing echoes."""
     clean: ImageArray
     """(ranges, beams), the image without noise, in 0..1."""

@@ -18,6 +18,7 @@ from asfm.cli import app, main, run_command_line
 from asfm.commands import convert_sequence, evaluate_folder, run_demo, simulate_to
 from asfm.config import Config, load_config
 from asfm.datasets import open_sequence, open_truth
+from asfm.datasets.tables import read_tum
 from asfm.simulation.presets import PRESETS
 from asfm.simulation.scenes import SCENES
 
@@ -202,6 +203,45 @@ def test_simulate_writes_a_sequence_with_truth(tmp_path: Path, capsys: Any) -> N
     assert "already holds a sequence" in capsys.readouterr().err
     ask(capsys, "simulate", "seafloor", "--output", tmp_path / "a", "--frames", "1", "--overwrite")
     assert len(open_sequence(tmp_path / "a")) == 1
+
+
+def test_simulate_follows_a_motion_or_a_path(demo_folder: Path, tmp_path: Path, capsys: Any) -> None:
+    still, along = tmp_path / "still", tmp_path / "along"
+    ask(capsys, "simulate", "seafloor", "--output", still, "--frames", "2", "--motion", "static")
+    truth = open_sequence(still).groundtruth
+    assert truth is not None and np.array_equal(truth.world_from_vehicle[0], truth.world_from_vehicle[1])
+    path = demo_folder / "seafloor" / "groundtruth.tum"
+    text = ask(capsys, "simulate", "seafloor", "--output", along, "--motion", path)
+    truth, expected = open_sequence(along).groundtruth, read_tum(path)
+    assert truth is not None and text.startswith(f"{len(truth.timestamps_s)} frames in ")
+    assert FRAMES - 1 <= len(truth.timestamps_s) <= FRAMES, "the path ends before 80 frames"
+    np.testing.assert_allclose(truth.world_from_vehicle[:2], expected.world_from_vehicle[:2], atol=1e-5)
+    for motion, said in (("flight", "unknown motion 'flight'; known: "), ("gone.tum", "gone.tum")):
+        arguments = ["simulate", "seafloor", "--output", str(tmp_path / "out"), "--motion", motion]
+        assert run_command_line(arguments) == 2
+        message = capsys.readouterr().err
+        assert said in message and message.count("\n") == 1
+
+
+def test_simulate_says_what_it_warns_of(tmp_path: Path, capsys: Any) -> None:
+    away = tmp_path / "away.tum"
+    away.write_text("0 0 0 2 0 -0.5 0 0.8660254\n1 0 0 2 0 -0.5 0 0.8660254\n")  # looks up
+    arguments = ["simulate", "seafloor", "--output", str(tmp_path / "out"), "--frames", "2", "--motion", str(away)]
+    assert run_command_line(arguments) == 0
+    assert "warning: 2 of 2 frames see nothing of seafloor within " in capsys.readouterr().err
+
+
+def test_simulate_writes_what_holoocean_would(tmp_path: Path, capsys: Any) -> None:
+    common = ("simulate", "tank", "--frames", "2", "--sonar", "holoocean")
+    ask(capsys, *common, "--output", tmp_path / "pickles", "--format", "holoocean")
+    ask(capsys, *common, "--output", tmp_path / "native")
+    pickles, native = open_sequence(tmp_path / "pickles"), open_sequence(tmp_path / "native")
+    assert (pickles.kind, native.kind) == ("holoocean", "native")
+    for one, other in zip(pickles, native, strict=True):
+        np.testing.assert_allclose(one.image, other.image, atol=0.5 / 255 + 1e-6)
+    assert run_command_line([*common, "--output", str(tmp_path / "out"), "--format", "rosbag"]) == 2
+    message = capsys.readouterr().err
+    assert "known: native, holoocean" in message and message.count("\n") == 1
 
 
 def test_wrong_names_are_answered_with_the_right_ones(tmp_path: Path, capsys: Any) -> None:

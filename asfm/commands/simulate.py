@@ -3,11 +3,15 @@
 from pathlib import Path
 
 from asfm.datasets.native_writer import write_native
+from asfm.datasets.tables import read_tum
+from asfm.errors import AsfmError
 from asfm.sequence import Sequence
 from asfm.stages import Progress, no_progress
+from asfm.types import Trajectory
 
 DEFAULT_SONAR = "oculus_m750d_high"
 DEFAULT_FRAMES = 80
+FORMATS = ("native", "holoocean")
 
 
 def simulate_to(
@@ -18,29 +22,47 @@ def simulate_to(
     seed: int = 0,
     overwrite: bool = False,
     progress: Progress = no_progress,
+    motion: str | None = None,
+    format_name: str = "native",
 ) -> Sequence:
-    """Simulate a scene and write it as a native folder with truth, frame by frame.
+    """Simulate a scene and write it as a folder with truth, frame by frame.
 
     Args:
-        scene: name of a scene.
+        scene: name of a scene, or a mesh file.
         output: the folder, which appears only when it is whole.
-        sonar: name of a sonar.
-        frames: how many.
+        sonar: name of a sonar, or a HoloOcean scenario (.json).
+        frames: how many; fewer where a given path ends before.
         seed: the same one gives the same bytes.
         overwrite: replace a sequence that is there.
         progress: told how many frames are written.
+        motion: name of a motion, or a TUM file of the vehicle's path; the scene's usual one by default.
+        format_name: "native" holds all that is known; "holoocean", pickles, holds images and true poses only.
 
     Raises:
-        AsfmError: unknown scene or sonar, an impossible number, or the folder cannot be written.
+        AsfmError: unknown scene, sonar, motion or format, an impossible number, or the folder cannot be written.
     """
-    from asfm.simulation.simulate import simulate  # loads what casts rays
+    from asfm.simulation.pickles import write_pickles  # loads what casts rays
+    from asfm.simulation.simulate import simulate
 
-    simulated = simulate(scene, sonar, frames, seed)
-    write_native(
-        output,
-        simulated.sequence,
-        truth=simulated.read_truth,
-        overwrite=overwrite,
-        progress=lambda done, total: progress("simulate", done, total),
-    )
+    if format_name not in FORMATS:
+        raise AsfmError(f"unknown format {format_name!r} to write; known: {', '.join(FORMATS)}")
+    simulated = simulate(scene, sonar, frames, seed, _read_motion(motion))
+
+    def tell(done: int, total: int) -> None:
+        progress("simulate", done, total)
+
+    if format_name == "native":
+        write_native(output, simulated.sequence, truth=simulated.read_truth, overwrite=overwrite, progress=tell)
+    else:
+        write_pickles(output, simulated, overwrite, tell)
     return simulated.sequence
+
+
+def _read_motion(motion: str | None) -> str | Trajectory | None:
+    """Read the path where a file is meant; a motion's name has no suffix and is not the name of a file."""
+    from asfm.simulation.motions import MOTIONS
+
+    if motion is None or motion in MOTIONS:
+        return motion
+    path = Path(motion)
+    return read_tum(path) if path.suffix or path.exists() else motion
