@@ -1,18 +1,24 @@
-"""Time stages against independent implementations of the same, side by side in one process.
+"""Measure stages against independent implementations of the same, and whole runs against the truth.
 
-Run as ``python tools/benchmark.py all`` or with the name of one comparison. Contenders take turns, so that a busy
-machine slows all of them alike; what counts is the ratio of the medians. Results are compared before they are timed.
+``python tools/benchmark.py all``, or the name of one comparison, times stages side by side in one process. Contenders
+take turns, so that a busy machine slows all of them alike; what counts is the ratio of the medians, and whether the
+results agree.
+``python tools/benchmark.py run SEQUENCE [--set SECTION.KEY=VALUE]...`` measures one ``asfm run`` in a child process.
+``python tools/benchmark.py reach DATA_FOLDER`` measures the public recordings one after the other, in one table.
 """
 
 import argparse
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+from benchmark_runs import RunFailed, describe_run, measure_run, tabulate_reach
 from numpy.typing import NDArray
 
 from asfm.config import CfarConfig, ClustersConfig, SslConfig
@@ -139,18 +145,48 @@ def report(comparison: Comparison, rounds: int) -> bool:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the comparisons that the command line names; returns 1 where results disagree."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("comparison", choices=[*COMPARISONS, "all"])
-    parser.add_argument("--shape", type=int, nargs=2, default=(600, 256), metavar=("RANGES", "BEAMS"))
-    parser.add_argument("--rounds", type=int, default=9)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--threads", type=int, default=1, help="threads of OpenCV; the peers use one")
-    options = parser.parse_args(arguments)
+    """Run what the command line names; returns 1 where results disagree or a run fails."""
+    options = make_parser().parse_args(arguments)
+    if options.what == "run":
+        return _report_run(options)
+    if options.what == "reach":
+        lines, all_ran = tabulate_reach(options.data, options.recording)
+        print("\n".join(lines))
+        return 0 if all_ran else 1
     cv2.setNumThreads(options.threads)
-    names = list(COMPARISONS) if options.comparison == "all" else [options.comparison]
+    names = list(COMPARISONS) if options.what == "all" else [options.what]
     agree = [report(COMPARISONS[name](tuple(options.shape), options.seed), options.rounds) for name in names]
     return 0 if all(agree) else 1
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Make the parser: one sub-command for each comparison and for all of them, for a run, for the public runs."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    commands = parser.add_subparsers(dest="what", required=True, metavar="WHAT")
+    for name in (*COMPARISONS, "all"):
+        command = commands.add_parser(name, help="every comparison" if name == "all" else f"compare {name}")
+        command.add_argument("--shape", type=int, nargs=2, default=(600, 256), metavar=("RANGES", "BEAMS"))
+        command.add_argument("--rounds", type=int, default=9)
+        command.add_argument("--seed", type=int, default=0)
+        command.add_argument("--threads", type=int, default=1, help="threads of OpenCV; the peers use one")
+    run = commands.add_parser("run", help="measure one asfm run")
+    run.add_argument("sequence", type=Path)
+    run.add_argument("--set", dest="settings", action="append", default=[], metavar="SECTION.KEY=VALUE")
+    reach = commands.add_parser("reach", help="measure the public runs, in one table")
+    reach.add_argument("data", type=Path, metavar="DATA_FOLDER")
+    for command in (run, reach):
+        command.add_argument("--recording", action="store_true", help="with the viewer's recording, which takes longer")
+    return parser
+
+
+def _report_run(options: argparse.Namespace) -> int:
+    try:
+        lines = describe_run(measure_run(options.sequence, options.settings, options.recording))
+    except RunFailed as failure:
+        print(failure, file=sys.stderr)
+        return 1
+    print("\n".join(lines))
+    return 0
 
 
 def _detect(image: ImageArray) -> BoolArray:

@@ -1,0 +1,143 @@
+"""Measure whole runs of ``asfm run``, each in a process of its own: error, time, memory and warnings."""
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from asfm.commands.text import align
+
+ATE = "ATE RMSE, SE(3)-aligned, scale off"
+PATH_SHARE = "ATE RMSE / path length, SE(3)-aligned, scale off"
+
+SONAR_ALONE = ("backend.use_odometry=false", "backend.use_navigation=false")
+
+REACH: tuple[tuple[str, str, tuple[str, ...]], ...] = (
+    ("oculus_tank_b", "oculus_tank_b", ()),
+    ("oculus_tank_a", "oculus_tank_a", ()),
+    ("simulated_seafloor", "simulated_seafloor", ()),
+    ("simulated_seafloor, sonar alone", "simulated_seafloor", SONAR_ALONE),
+    ("aris/sample.aris", "aris/sample.aris", ()),
+    ("turtle_sim", "turtle_sim", ()),
+    ("holoocean_boat", "holoocean_boat", ()),
+)
+"""The public rows, in order: title, path below the data folder, settings."""
+
+
+@dataclass(frozen=True)
+class RunMeasure:
+    """What one run took and how far it is from the truth."""
+
+    frames: int
+    wall_s: float
+    """Of the whole process, its imports included."""
+    peak_mb: float
+    """Largest resident memory of the process."""
+    stages: tuple[dict[str, Any], ...]
+    """As report.json lists them."""
+    warnings: tuple[str, ...]
+    ate_m: float | None
+    """SE(3)-aligned, scale off; None where nothing true is known. The next three are None where they do not exist."""
+    odometry_ate_m: float | None
+    ratio: float | None
+    """ATE / odometry's ATE."""
+    path_percent: float | None
+    """ATE in per cent of the reference's path length."""
+
+
+class RunFailed(Exception):
+    """A run ended with another code than 0; the message is its last line."""
+
+
+def measure_run(sequence: Path, settings: Sequence[str] = (), recording: bool = False) -> RunMeasure:
+    """Run ``asfm run`` in a child process with results in a temporary folder.
+
+    Args:
+        sequence: of any format that is read.
+        settings: each as section.key=value.
+        recording: let it make the viewer's recording too, as it does by default.
+
+    Raises:
+        RunFailed: the child did not end well.
+    """
+    with tempfile.TemporaryDirectory() as scratch:
+        results = Path(scratch) / "results"
+        command = [sys.executable, "-m", "asfm", "run", str(sequence), "--output", str(results)]
+        command += [] if recording else ["--no-rerun"]
+        command += [part for setting in settings for part in ("--set", setting)]
+        begin_s = time.perf_counter()
+        child = subprocess.run(command, capture_output=True, text=True, check=False)
+        wall_s = time.perf_counter() - begin_s
+        if child.returncode != 0:
+            raise RunFailed((child.stderr.strip().splitlines() or [f"ended with code {child.returncode}"])[-1])
+        report = json.loads((results / "report.json").read_text(encoding="utf-8"))
+        evaluation = results / "evaluation.json"
+        rows = json.loads(evaluation.read_text(encoding="utf-8"))["rows"] if evaluation.is_file() else []
+    return summarise(report, rows, wall_s)
+
+
+def summarise(report: dict[str, Any], rows: list[dict[str, Any]], wall_s: float) -> RunMeasure:
+    """Pick what counts from report.json and the rows of evaluation.json."""
+    by_name = {row["name"]: row for row in rows}
+    error = by_name.get(ATE, {})
+    return RunMeasure(
+        frames=report["sequence"]["frames"],
+        wall_s=wall_s,
+        peak_mb=max((stage["peak_memory_mb"] for stage in report["stages"]), default=0.0),
+        stages=tuple(report["stages"]),
+        warnings=tuple(report["warnings"]),
+        ate_m=error.get("value"),
+        odometry_ate_m=error.get("odometry"),
+        ratio=error.get("ratio"),
+        path_percent=by_name.get(PATH_SHARE, {}).get("value"),
+    )
+
+
+def describe_run(run: RunMeasure) -> list[str]:
+    """Tell everything about one run, with a line a stage."""
+    lines = align(
+        [
+            ("frames", str(run.frames), ""),
+            ("ATE, SE(3)-aligned, no scale", _show(run.ate_m, 4), "m"),
+            ("the odometry's ATE", _show(run.odometry_ate_m, 4), "m"),
+            ("ratio", _show(run.ratio, 3), ""),
+            ("ATE / path", _show(run.path_percent, 2), "%"),
+            ("wall", f"{run.wall_s:.1f}", "s"),
+            ("peak", f"{run.peak_mb:.0f}", "MB"),
+        ],
+        numbers=(1,),
+    )
+    table = [("stage", "s", "peak MB", "made")]
+    for stage in run.stages:
+        made = ", ".join(f"{count:,g} {name}" for name, count in stage["counts"].items())
+        table.append((stage["name"], f"{stage['wall_s']:.2f}", f"{stage['peak_memory_mb']:.0f}", made))
+    return [*lines, "", *align(table, numbers=(1, 2)), *(f"warning: {warning}" for warning in run.warnings)]
+
+
+def tabulate_reach(data: Path, recording: bool = False) -> tuple[list[str], bool]:
+    """Measure the public rows one after the other; gives the table's lines and whether all of them ran."""
+    table = [("run", "frames", "ATE m", "ratio or path", "wall s", "peak MB", "warnings")]
+    failures = []
+    for title, path, settings in REACH:
+        try:
+            table.append((title, *_cells(measure_run(data / path, settings, recording))))
+        except RunFailed as failure:
+            table.append((title, "", "", "failed", "", "", ""))
+            failures.append(f"{title}: {failure}")
+    return align(table, numbers=range(1, 7)) + failures, not failures
+
+
+def _cells(run: RunMeasure) -> tuple[str, str, str, str, str, str]:
+    share = f"{_show(run.ratio, 3)} x" if run.ratio is not None else f"{_show(run.path_percent, 2)} %"
+    quality = share if run.ate_m is not None else "-"
+    sizes = (f"{run.wall_s:.1f}", f"{run.peak_mb:.0f}", str(len(run.warnings)))
+    return (str(run.frames), _show(run.ate_m, 4), quality, *sizes)
+
+
+def _show(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
