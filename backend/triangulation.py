@@ -12,6 +12,8 @@ from asfm.types import BoolArray, FloatArray, IntArray, Tracks
 OBSERVATIONS_AT_ONCE = 20_000
 EDGE_RAD = 0.04
 """Standard deviation of the elevation beyond the edge of the aperture; wide, because the poses are not yet right."""
+MIDDLE_PULL = 0.3
+"""Weight of a track's pull to the middle of its beams: its cost in squared sigmas at the edge is the square of this."""
 
 
 @dataclass(frozen=True)
@@ -118,9 +120,11 @@ def _search(
     sigma = sigma[observed]
     cost = ((range_m - tracks.range_m[observed, None]) / sigma[:, :1]) ** 2
     cost += ((bearing_rad - tracks.bearing_rad[observed, None]) / sigma[:, 1:]) ** 2
-    outside = np.abs(elevation_rad) - sonar.elevation_aperture_rad / 2
-    cost += (np.maximum(outside, 0) / EDGE_RAD) ** 2
-    total = np.add.reduceat(np.minimum(cost, truncation**2), first - first[0], axis=0)
+    half = sonar.elevation_aperture_rad / 2
+    cost += (np.maximum(np.abs(elevation_rad) - half, 0) / EDGE_RAD) ** 2
+    # Of elevations that fit alike, take the middle one: a step there from the beam's edge would leave the arc.
+    pull = (MIDDLE_PULL * np.minimum(np.abs(elevation_rad) / half, 1)) ** 2 / (stop - first)[track, None]
+    total = np.add.reduceat(np.minimum(cost, truncation**2) + pull, first - first[0], axis=0)
     return np.asarray(candidates[np.arange(len(first)), total.argmin(axis=1)])
 
 
@@ -146,7 +150,7 @@ def _refine(
     jacobian = np.einsum("oki,oij->okj", project_jacobian(seen), rotation)
     range_m, bearing_rad, elevation_rad = project(seen)
     # The elevation is not measured; a weak pull to the middle of the beam keeps unobservable points inside it.
-    scale = np.stack([1 / sigma[:, 0], 1 / sigma[:, 1], np.full(len(tracks), 0.3 / half)], axis=1)
+    scale = np.stack([1 / sigma[:, 0], 1 / sigma[:, 1], np.full(len(tracks), MIDDLE_PULL / half)], axis=1)
     residual = np.stack([range_m - tracks.range_m, bearing_rad - tracks.bearing_rad, elevation_rad], axis=1)
     first = np.searchsorted(tracks.track, np.arange(len(xyz_m)))
     views = np.add.reduceat(agrees.astype(float), first)
