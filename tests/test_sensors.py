@@ -32,7 +32,7 @@ def _sequence(frame_count: int = 5) -> Sequence:
     return Sequence(
         "made up",
         SONAR,
-        np.arange(frame_count) + 0.5,
+        0.5 + np.arange(frame_count, dtype=np.float64),
         _no_frame,
         odometry=Trajectory(stamps, poses),
         navigation=navigation,
