@@ -8,6 +8,9 @@ from asfm.frontend.patches import cut_patches
 from asfm.sonar import SonarModel
 from asfm.types import BoolArray, Frame, ImageArray, Keypoints
 
+SMALLEST_PX = 16
+"""A-KAZE keeps features further than this from every border, and OpenCV's writes beyond images of one row or column."""
+
 
 def detect_keypoints(frame: Frame, mask: BoolArray, sonar: SonarModel, config: Config) -> Keypoints:
     """Detect and describe features of one frame, strongest first.
@@ -24,6 +27,9 @@ def detect_keypoints(frame: Frame, mask: BoolArray, sonar: SonarModel, config: C
     """
     settings = config.keypoints
     stretch = column_stretch(sonar, settings)
+    height, width = frame.image.shape
+    if min(height, round(width * stretch)) < SMALLEST_PX:
+        return _no_keypoints(config.ssl.radius_px)
     image = _stretch(_normalise_gain(frame.image, settings), stretch, cv2.INTER_LINEAR)
     allowed = _stretch(mask.astype(np.uint8), stretch, cv2.INTER_NEAREST)
     detector = cv2.AKAZE.create(cv2.AKAZE_DESCRIPTOR_MLDB_UPRIGHT, threshold=settings.threshold)
