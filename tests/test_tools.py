@@ -81,3 +81,12 @@ def test_what_is_not_known_is_a_dash(benchmark: ModuleType) -> None:
     assert runs._cells(runs.summarise(report, rows, 2.0))[1:3] == ("0.0200", "1.50 %")
     rows[0] |= {"odometry": 0.04, "ratio": 0.5}
     assert runs._cells(runs.summarise(report, rows, 2.0))[1:3] == ("0.0200", "0.500 x")
+
+
+def test_a_defect_is_named_by_its_exception(benchmark: ModuleType) -> None:
+    explain = importlib.import_module("benchmark_runs")._explain_failure
+    trace = "stage: 3 steps\nTraceback (most recent call last):\n  File x\n    call()\n"
+    trace += "RuntimeError: \nSingular\nasfm: a defect\n"
+    assert explain(1, trace) == "RuntimeError: Singular asfm: a defect"
+    assert explain(2, "stage: 3 steps\nasfm: no such file\n") == "asfm: no such file"
+    assert explain(-9, "") == "ended with code -9"

@@ -51,7 +51,7 @@ class RunMeasure:
 
 
 class RunFailed(Exception):
-    """A run ended with another code than 0; the message is its last line."""
+    """A run ended with another code than 0; the message says why."""
 
 
 def measure_run(sequence: Path, settings: Sequence[str] = (), recording: bool = False) -> RunMeasure:
@@ -74,11 +74,19 @@ def measure_run(sequence: Path, settings: Sequence[str] = (), recording: bool = 
         child = subprocess.run(command, capture_output=True, text=True, check=False)
         wall_s = time.perf_counter() - begin_s
         if child.returncode != 0:
-            raise RunFailed((child.stderr.strip().splitlines() or [f"ended with code {child.returncode}"])[-1])
+            raise RunFailed(_explain_failure(child.returncode, child.stderr))
         report = json.loads((results / "report.json").read_text(encoding="utf-8"))
         evaluation = results / "evaluation.json"
         rows = json.loads(evaluation.read_text(encoding="utf-8"))["rows"] if evaluation.is_file() else []
     return summarise(report, rows, wall_s)
+
+
+def _explain_failure(code: int, said: str) -> str:
+    """Give the one line that asfm ends with; of a defect, the exception and what it says first."""
+    traceback = said.rpartition("Traceback (most recent call last):\n")[2] if code == 1 else ""
+    exception = [line.strip() for line in traceback.splitlines() if line.strip() and not line.startswith(" ")]
+    last = said.strip().splitlines()[-1:] or [f"ended with code {code}"]
+    return " ".join(exception[:3] or last)
 
 
 def summarise(report: dict[str, Any], rows: list[dict[str, Any]], wall_s: float) -> RunMeasure:
