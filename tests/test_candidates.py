@@ -17,6 +17,7 @@ def sight(seed: int, order_seed: int, torn: tuple[int, ...] = ()) -> Keypoints:
     scene, own = np.random.default_rng(seed), np.random.default_rng(order_seed)
     descriptors = scene.integers(0, 256, (COUNT, 61), dtype=np.uint8)
     patches = scene.random((COUNT, WIDTH, WIDTH)).astype(np.float32)
+    patches += 0.05 * own.random(patches.shape, np.float32)
     patches[list(torn)] = own.random((len(torn), WIDTH, WIDTH)).astype(np.float32)
     order = own.permutation(COUNT)
     name = order.astype(float)
@@ -55,6 +56,7 @@ def test_cost_is_the_ratio_and_the_loss() -> None:
     keypoints = [sight(0, 1), sight(0, 2, (5, 6))]
     index, ratio = match_keypoints(keypoints[0], keypoints[1], config.matching)
     loss = structural_spatial_loss(keypoints[0].patches[index[:, 0]], keypoints[1].patches[index[:, 1]], config.ssl)
+    assert loss.min() > 1e-3
     cost = {tuple(pair): value for pair, value in zip(index.tolist(), ratio + loss, strict=True)}
     found = match_frames(0, 1, keypoints, config)
     assert found.cost.tolist() == [cost[tuple(pair)] for pair in found.index.tolist()]
