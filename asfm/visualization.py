@@ -70,7 +70,7 @@ class RerunRecorder:
         try:
             self._stream.save(path)
         except RuntimeError as error:
-            raise AsfmError(f"{path}: cannot write the recording: {_one_line(error)}") from None
+            raise AsfmError(f"{path}: cannot write the recording: {' '.join(str(error).split())}") from None
         self._stream.send_recording_name(sequence.name)
         self._log("world", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         self._name_curves("counts", {"keypoints": drawing.KEYPOINT, "matches": drawing.MATCH, "tracks": drawing.MASK})
@@ -119,7 +119,7 @@ class RerunRecorder:
         try:
             self._flush()
         except RuntimeError as error:
-            raise AsfmError(f"{self._path}: cannot write the recording: {_one_line(error)}") from None
+            raise AsfmError(f"{self._path}: cannot write the recording: {' '.join(str(error).split())}") from None
         finally:
             self._stream.disconnect()
 
@@ -284,10 +284,6 @@ def _show_last(frames: int | None, step_s: float) -> Any:
         starts["frame"] = TimeRangeBoundary.cursor_relative(seq=1 - frames)
         starts["time"] = TimeRangeBoundary.cursor_relative(seconds=(0.5 - frames) * step_s)
     return VisibleTimeRanges([VisibleTimeRange(name, start=start, end=now) for name, start in starts.items()])
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())
 
 
 def open_viewer(path: Path) -> int:
