@@ -8,6 +8,8 @@ from asfm.types import BoolArray, FloatArray, IntArray, Tracks
 
 MIN_SHARED = 4
 """Fewest shared tracks from which a planar motion is believed."""
+MAX_GAP = 4
+"""How many frames back a frame looks for one that it shares enough with."""
 
 
 def estimate_planar_motion(
@@ -45,7 +47,7 @@ def chain_planar_motions(
 ) -> tuple[FloatArray, BoolArray]:
     """Chain the planar motions between consecutive frames.
 
-    Where two frames share too little, the last motion's frame is held: the pose does not move.
+    Where a frame shares too little with those before it, the last pose is held, and the chain goes on from there.
 
     Returns:
         (N, 4, 4) world_from_vehicle, (N,) false where the pose was held for want of shared tracks.
@@ -57,14 +59,15 @@ def chain_planar_motions(
     of_frame = _observations_by_frame(tracks, frame_count)
     for frame in range(1, frame_count):
         world_from_sonar[frame] = world_from_sonar[frame - 1]
-        for gap in range(1, min(frame, 4) + 1):
-            a, b = _shared(tracks, of_frame[frame - gap], of_frame[frame])
-            if len(a) < MIN_SHARED or not supported[frame - gap]:
+        before = range(frame - 1, max(frame - 1 - MAX_GAP, -1), -1)
+        for other in sorted(before, key=lambda index: not supported[index]):  # a held pose is the last resort
+            a, b = _shared(tracks, of_frame[other], of_frame[frame])
+            if len(a) < MIN_SHARED:
                 continue
             tolerance_m = 0.03 * tracks.range_m[b]
             motion, agrees = estimate_planar_motion(xy[a], xy[b], tolerance_m, rng)
             if agrees.sum() >= MIN_SHARED:
-                world_from_sonar[frame] = world_from_sonar[frame - gap] @ motion
+                world_from_sonar[frame] = world_from_sonar[other] @ motion
                 supported[frame] = True
                 break
     return world_from_sonar @ invert(vehicle_from_sonar), supported

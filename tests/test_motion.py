@@ -68,7 +68,7 @@ def test_chain_follows_a_planar_path_with_a_lever_arm() -> None:
     np.testing.assert_allclose(poses, truth, atol=1e-6)
 
 
-def test_chain_holds_the_pose_where_frames_share_nothing() -> None:
+def test_chain_holds_the_pose_where_frames_share_nothing_and_goes_on() -> None:
     """Frames 0-4 see one set of points, 7-9 another, 5 and 6 none."""
     rng = np.random.default_rng(2)
     truth = np.stack([_planar(0.2 * frame, 0.0, 0.02 * frame) for frame in range(10)])
@@ -79,7 +79,21 @@ def test_chain_holds_the_pose_where_frames_share_nothing() -> None:
     poses, supported = chain_planar_motions(_track_all(truth, xy_m, visible), 10, np.eye(4), np.eye(4), rng)
     np.testing.assert_allclose(poses[:5], truth[:5], atol=1e-6)
     np.testing.assert_allclose(poses[5:8], np.repeat(poses[4:5], 3, axis=0), atol=1e-12)
-    assert supported[:5].all() and not supported[5:8].any()
+    assert supported.tolist() == [True] * 5 + [False] * 3 + [True] * 2
+    np.testing.assert_allclose(invert(poses[7]) @ poses[7:], invert(truth[7]) @ truth[7:], atol=1e-6)
+
+
+def test_chain_prefers_frames_that_were_not_held() -> None:
+    """Frame 3 shares points only with those after it: frame 4 must be placed by frame 2, not by the held 3."""
+    rng = np.random.default_rng(5)
+    truth = np.stack([_planar(0.2 * frame, 0.0, 0.02 * frame) for frame in range(6)])
+    visible = np.zeros((30, 6))
+    visible[:15, [0, 1, 2, 4, 5]] = 1
+    visible[15:, 3:] = 1
+    tracks = _track_all(truth, rng.uniform([3, -2], [8, 2], (30, 2)), visible)
+    poses, supported = chain_planar_motions(tracks, 6, np.eye(4), np.eye(4), rng)
+    assert supported.tolist() == [True, True, True, False, True, True]
+    np.testing.assert_allclose(poses[[0, 1, 2, 4, 5]], truth[[0, 1, 2, 4, 5]], atol=1e-6)
 
 
 def test_chain_bridges_one_empty_frame() -> None:
