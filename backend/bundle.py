@@ -23,6 +23,8 @@ FIRST_POINT = gtsam.symbol("l", 0)
 ITERATIONS_BETWEEN_CHECKS = 4
 """Steps of Levenberg-Marquardt before it is looked again which points have left the beam."""
 MAX_CHECKS = 15
+VAGUE_SHARES = (10.0, 1.0, 0.3)
+"""Sigmas of vague priors on points, over their distance: the vaguest with which GTSAM can factorise is taken."""
 APERTURE_EDGE_RAD = 0.01
 """Standard deviation of the elevation beyond the edge of the aperture: beams do not end sharply."""
 
@@ -53,7 +55,8 @@ class Bundle:
     in_graph: BoolArray
     """(T,) which tracks have factors."""
     graph: gtsam.NonlinearFactorGraph
-    """All measurements, without the pulls into the beam: a bound is no measurement and must not shrink a covariance."""
+    """What the covariances follow from: the measurements, and once a point that it lies in the beam. The pulls that
+    held points inside during the optimisation are left out: a bound met many times is not many measurements."""
     values: gtsam.Values
 
 
@@ -94,6 +97,7 @@ def adjust_bundle(
         cost = held.error(values)
         if check > 1 and abs(cost_before - cost) <= settled * cost:
             break
+    _add_beam_knowledge(graph, problem, poses, points)
     return Bundle(poses, points, in_graph, graph, values)
 
 
@@ -101,10 +105,25 @@ def landmark_covariances(bundle: Bundle) -> FloatArray:
     """Give the marginal covariance of every point, (T, 3, 3) in m^2; infinite where the track has no factor."""
     covariance = np.full((len(bundle.xyz_m), 3, 3), np.inf)
     if bundle.in_graph.any():
-        marginals = gtsam.Marginals(bundle.graph, bundle.values)
+        marginals = _marginalise(bundle)
         for index in np.flatnonzero(bundle.in_graph).tolist():
             covariance[index] = marginals.marginalCovariance(FIRST_POINT + index)
     return covariance
+
+
+def _marginalise(bundle: Bundle) -> gtsam.Marginals:
+    """Factorise the graph; where a still sonar leaves elevations too free for that, with vague priors on the points."""
+    reach_m = np.linalg.norm(bundle.xyz_m - bundle.world_from_vehicle[0, :3, 3], axis=1)
+    graph = bundle.graph
+    for vagueness in VAGUE_SHARES:
+        try:
+            return gtsam.Marginals(graph, bundle.values)
+        except RuntimeError:
+            graph = bundle.graph.clone()
+            for index in np.flatnonzero(bundle.in_graph).tolist():
+                noise = gtsam.noiseModel.Isotropic.Sigma(3, vagueness * max(float(reach_m[index]), 1e-3))
+                graph.add(gtsam.PriorFactorPoint3(FIRST_POINT + index, bundle.xyz_m[index], noise))
+    return gtsam.Marginals(graph, bundle.values)
 
 
 def _add_sensor_factors(graph: gtsam.NonlinearFactorGraph, sensors: SensorConstraints) -> None:
@@ -137,8 +156,7 @@ def _find_outside(
     problem: BundleProblem, world_from_vehicle: FloatArray, xyz_m: FloatArray
 ) -> tuple[BoolArray, FloatArray]:
     """Tell which observations see their point outside the aperture: (O,), and (O,) elevation_rad of the edge there."""
-    sonar_from_world = invert(world_from_vehicle @ problem.vehicle_from_sonar)[problem.tracks.frame]
-    _, _, elevation_rad = project(transform(sonar_from_world, xyz_m[problem.tracks.track]))
+    elevation_rad = _see_elevations(problem, world_from_vehicle, xyz_m)
     outside = problem.observed & (np.abs(elevation_rad) > problem.half_aperture_rad)
     return outside, np.copysign(problem.half_aperture_rad, elevation_rad)
 
@@ -157,6 +175,27 @@ def _add_elevation_factors(
         pose, point = FIRST_POSE + int(tracks.frame[index]), FIRST_POINT + int(tracks.track[index])
         beam, target = float(tracks.bearing_rad[index]), float(elevation_rad[index])
         graph.add(elevation_factor(pose, point, beam, target, sigma_rad, lever_arm))
+
+
+def _add_beam_knowledge(
+    graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, world_from_vehicle: FloatArray, xyz_m: FloatArray
+) -> None:
+    """State once a point that it lies in the beam: a uniform elevation has the sigma half aperture / sqrt(3).
+
+    The factors rest at the optimum, so they tell covariances and move nothing.
+    """
+    used = np.flatnonzero(problem.observed)
+    last = used[np.flatnonzero(np.diff(problem.tracks.track[used], append=-1))]
+    chosen = np.zeros(len(problem.tracks), dtype=bool)
+    chosen[last] = True
+    elevation_rad = _see_elevations(problem, world_from_vehicle, xyz_m)
+    _add_elevation_factors(graph, problem, chosen, elevation_rad, problem.half_aperture_rad / np.sqrt(3))
+
+
+def _see_elevations(problem: BundleProblem, world_from_vehicle: FloatArray, xyz_m: FloatArray) -> FloatArray:
+    """Elevation_rad at which each observation's frame sees its point: (O,)."""
+    sonar_from_world = invert(world_from_vehicle @ problem.vehicle_from_sonar)[problem.tracks.frame]
+    return project(transform(sonar_from_world, xyz_m[problem.tracks.track]))[2]
 
 
 def _make_values(world_from_vehicle: FloatArray, xyz_m: FloatArray, in_graph: BoolArray) -> gtsam.Values:

@@ -21,6 +21,8 @@ class SensorConstraints:
     """(4, 4) where the world puts the first frame's vehicle."""
     first_covariance: FloatArray
     """(6, 6) rotation, translation in the vehicle's frame: how firmly (GTSAM's order)."""
+    measured: bool
+    """Whether the steps come from odometry; else they are a guess."""
     steps: FloatArray
     """(N - 1, 4, 4) motion from each frame to the next."""
     step_sigma: FloatArray
@@ -29,6 +31,11 @@ class SensorConstraints:
     """(N, 3) metres and radians, or (0, 3) without navigation."""
     z_angle_sigma: tuple[float, float]
     """Standard deviations of z in m and of roll and pitch in rad."""
+
+    @property
+    def typical_rotation_rad(self) -> float:
+        """How uncertain a step's rotation is, in the median; 0 where there is no step."""
+        return float(np.median(self.step_sigma[:, 0])) if len(self.step_sigma) else 0.0
 
 
 def odometry_at_frames(sequence: Sequence, config: BackendConfig) -> FloatArray | None:
@@ -48,13 +55,18 @@ def navigation_at_frames(sequence: Sequence, config: BackendConfig) -> FloatArra
 
 
 def sensor_constraints(
-    sequence: Sequence, config: BackendConfig, world_from_vehicle: FloatArray, step_sigma: FloatArray
+    sequence: Sequence,
+    config: BackendConfig,
+    world_from_vehicle: FloatArray,
+    step_sigma: FloatArray,
+    measured: bool,
 ) -> SensorConstraints:
     """Gather the constraints.
 
     Args:
         world_from_vehicle: (N, 4, 4) the odometry at the frames, or what stands in for it.
         step_sigma: (N - 1, 2) standard deviations of its steps' rotation in rad and translation in m.
+        measured: whether it is odometry.
     """
     navigation = navigation_at_frames(sequence, config)
     noise = sequence.noise
@@ -67,6 +79,7 @@ def sensor_constraints(
     return SensorConstraints(
         first_pose=world_from_vehicle[0],
         first_covariance=rotation @ np.diag(world_sigma**2) @ rotation.T,
+        measured=measured,
         steps=invert(world_from_vehicle[:-1]) @ world_from_vehicle[1:],
         step_sigma=step_sigma,
         z_roll_pitch=navigation,

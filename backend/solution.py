@@ -4,16 +4,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from asfm.backend.bundle import Bundle, BundleProblem, adjust_bundle
+from asfm.backend.bundle import APERTURE_EDGE_RAD, Bundle, BundleProblem, adjust_bundle
 from asfm.backend.sensors import SensorConstraints
-from asfm.backend.triangulation import triangulate_tracks
+from asfm.backend.triangulation import Gate, triangulate_tracks
 from asfm.config import Config
 from asfm.sequence import Sequence
 from asfm.sonar import feature_sigma
 from asfm.types import BoolArray, FloatArray, IntArray, Tracks
 
-TRIANGULATION_SLACK = 1.5
-"""Sigmas are widened by this for triangulation, because the poses are not yet right."""
+MEASURED_SLACK, GUESSED_SLACK = 1.2, 1.5
+"""Sigmas are widened by this for triangulation, because the poses are not yet right: measured and guessed motion."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +42,13 @@ def solve_tracks(
         sensors: what else is known of the poses.
     """
     sigma = np.tile(feature_sigma(sequence.sonar, config.noise), (len(tracks), 1))
+    gate = Gate(
+        half_aperture_rad=sequence.sonar.elevation_aperture_rad / 2,
+        edge_rad=float(np.hypot(APERTURE_EDGE_RAD, sensors.typical_rotation_rad)),
+    )
+    slack = MEASURED_SLACK if sensors.measured else GUESSED_SLACK
     found = triangulate_tracks(
-        tracks, world_from_vehicle @ sequence.vehicle_from_sonar, sequence.sonar, sigma * TRIANGULATION_SLACK
+        tracks, world_from_vehicle @ sequence.vehicle_from_sonar, sequence.sonar, sigma * slack, gate
     )
     views = np.bincount(tracks.track, found.agrees, minlength=tracks.count)
     observed = found.agrees & (views >= config.tracks.min_views)[tracks.track]
@@ -53,7 +58,7 @@ def solve_tracks(
         sigma=sigma * _correlation_factor(views, config)[tracks.track][:, None],
         sensors=sensors,
         vehicle_from_sonar=sequence.vehicle_from_sonar,
-        half_aperture_rad=sequence.sonar.elevation_aperture_rad / 2,
+        half_aperture_rad=gate.half_aperture_rad,
     )
     return Solution(tracks, observed, adjust_bundle(problem, world_from_vehicle, found.xyz_m))
 

@@ -38,7 +38,7 @@ def start_from_odometry(sequence: Sequence, config: Config) -> Start | None:
         return None
     sigma = np.array([sequence.noise.odometry_rotation_rad, sequence.noise.odometry_translation_m])
     step_sigma = np.tile(sigma, (len(poses) - 1, 1))
-    return Start(poses, sensor_constraints(sequence, config.backend, poses, step_sigma))
+    return Start(poses, sensor_constraints(sequence, config.backend, poses, step_sigma, measured=True))
 
 
 def start_from_tracks(sequence: Sequence, tracks: Tracks, config: Config, rng: np.random.Generator) -> Start:
@@ -58,7 +58,8 @@ def start_from_tracks(sequence: Sequence, tracks: Tracks, config: Config, rng: n
         _typical_step(poses, moved), [LEAST_STEP[0], LEAST_STEP[1] * farthest_m]
     )
     held = np.repeat(poses[:1], len(poses), axis=0)
-    return Start(poses, sensor_constraints(sequence, config.backend, held, np.tile(sigma, (len(poses) - 1, 1))))
+    step_sigma = np.tile(sigma, (len(poses) - 1, 1))
+    return Start(poses, sensor_constraints(sequence, config.backend, held, step_sigma, measured=False))
 
 
 def _typical_step(world_from_vehicle: FloatArray, moved: BoolArray) -> FloatArray:

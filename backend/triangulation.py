@@ -10,10 +10,20 @@ from asfm.sonar import SonarModel, project
 from asfm.types import BoolArray, FloatArray, IntArray, Tracks
 
 OBSERVATIONS_AT_ONCE = 20_000
-EDGE_RAD = 0.04
-"""Standard deviation of the elevation beyond the edge of the aperture; wide, because the poses are not yet right."""
 MIDDLE_PULL = 0.3
 """Weight of a track's pull to the middle of its beams: its cost in squared sigmas at the edge is the square of this."""
+
+
+@dataclass(frozen=True)
+class Gate:
+    """How far an observation may lie from its point before it counts as wrong."""
+
+    half_aperture_rad: float
+    edge_rad: float
+    """Standard deviation of the elevation beyond the edge of the aperture: beams do not end sharply, and the attitudes
+    are not exact."""
+    truncation: float = 3.0
+    """Residual, in sigmas."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +43,7 @@ def triangulate_tracks(
     world_from_sonar: FloatArray,
     sonar: SonarModel,
     sigma: FloatArray,
-    truncation: float = 3.0,
+    gate: Gate,
     elevation_count: int = 21,
 ) -> Triangulation:
     """Place each track's point where most of its observations agree.
@@ -47,7 +57,7 @@ def triangulate_tracks(
         world_from_sonar: (N, 4, 4) poses of the frames.
         sonar: gives the aperture.
         sigma: (O, 2) standard deviations of range_m and bearing_rad, pose errors included.
-        truncation: residual, in sigmas, beyond which an observation counts as wrong.
+        gate: when an observation counts as wrong; also bounds the elevation.
         elevation_count: points of the grid.
     """
     count = tracks.count
@@ -58,13 +68,12 @@ def triangulate_tracks(
     xyz_m = np.empty((count, 3))
     for chunk in _chunks_of_tracks(start, len(tracks)):
         xyz_m[chunk] = _search(
-            tracks, start, chunk, world_from_sonar, sonar_from_world, sonar, sigma, truncation, elevation_count
+            tracks, start, chunk, world_from_sonar, sonar_from_world, sonar, sigma, gate, elevation_count
         )
-    half = sonar.elevation_aperture_rad / 2
     for _ in range(4):
-        agrees, _, _ = _judge(xyz_m, tracks, sonar_from_world, sigma, truncation, half)
-        xyz_m = _refine(xyz_m, tracks, agrees, sonar_from_world, sigma, half)
-    agrees, residual, _ = _judge(xyz_m, tracks, sonar_from_world, sigma, truncation, half)
+        agrees, _, _ = _judge(xyz_m, tracks, sonar_from_world, sigma, gate)
+        xyz_m = _refine(xyz_m, tracks, agrees, sonar_from_world, sigma, gate.half_aperture_rad)
+    agrees, residual, _ = _judge(xyz_m, tracks, sonar_from_world, sigma, gate)
     return Triangulation(xyz_m, agrees, residual)
 
 
@@ -101,7 +110,7 @@ def _search(
     sonar_from_world: FloatArray,
     sonar: SonarModel,
     sigma: FloatArray,
-    truncation: float,
+    gate: Gate,
     elevation_count: int,
 ) -> FloatArray:
     """Pick, for each track of the chunk, the arc point with the smallest truncated cost."""
@@ -120,20 +129,20 @@ def _search(
     sigma = sigma[observed]
     cost = ((range_m - tracks.range_m[observed, None]) / sigma[:, :1]) ** 2
     cost += ((bearing_rad - tracks.bearing_rad[observed, None]) / sigma[:, 1:]) ** 2
-    half = sonar.elevation_aperture_rad / 2
-    cost += (np.maximum(np.abs(elevation_rad) - half, 0) / EDGE_RAD) ** 2
+    half = gate.half_aperture_rad
+    cost += (np.maximum(np.abs(elevation_rad) - gate.half_aperture_rad, 0) / gate.edge_rad) ** 2
     # Of elevations that fit alike, take the middle one: a step there from the beam's edge would leave the arc.
     pull = (MIDDLE_PULL * np.minimum(np.abs(elevation_rad) / half, 1)) ** 2 / (stop - first)[track, None]
-    total = np.add.reduceat(np.minimum(cost, truncation**2) + pull, first - first[0], axis=0)
+    total = np.add.reduceat(np.minimum(cost, gate.truncation**2) + pull, first - first[0], axis=0)
     return np.asarray(candidates[np.arange(len(first)), total.argmin(axis=1)])
 
 
 def _judge(
-    xyz_m: FloatArray, tracks: Tracks, sonar_from_world: FloatArray, sigma: FloatArray, truncation: float, half: float
+    xyz_m: FloatArray, tracks: Tracks, sonar_from_world: FloatArray, sigma: FloatArray, gate: Gate
 ) -> tuple[BoolArray, FloatArray, FloatArray]:
     residual, elevation_rad = whitened_residuals(xyz_m, tracks, sonar_from_world, sigma)
-    outside = np.maximum(np.abs(elevation_rad) - half, 0) / EDGE_RAD
-    return (residual**2).sum(axis=1) + outside**2 <= truncation**2, residual, elevation_rad
+    outside = np.maximum(np.abs(elevation_rad) - gate.half_aperture_rad, 0) / gate.edge_rad
+    return (residual**2).sum(axis=1) + outside**2 <= gate.truncation**2, residual, elevation_rad
 
 
 def _refine(

@@ -47,7 +47,9 @@ def _describe(
     sigma = feature_sigma(SONAR, config.noise)
     error = np.random.default_rng(1).normal(0, sigma, (len(track), 2))
     tracks = Tracks(track, frame, range_m + error[:, 0], bearing_rad + error[:, 1])
-    sensors = sensor_constraints(sequence, config.backend, poses, np.tile([0.002, 0.005], (len(poses) - 1, 1)))
+    sensors = sensor_constraints(
+        sequence, config.backend, poses, np.tile([0.002, 0.005], (len(poses) - 1, 1)), measured=True
+    )
     solution = solve_tracks(tracks, sequence, poses, sensors, config)
     return solution, describe_landmarks(solution, sequence, config)
 
@@ -115,7 +117,9 @@ def test_tracks_that_contradict_themselves_become_no_landmark() -> None:
     track, frame = np.divmod(np.arange(range_m.size), len(poses))
     tracks = Tracks(track, frame, range_m.ravel(), bearing_rad.ravel())
     sequence = Sequence("made up", SONAR, np.arange(len(poses), dtype=np.float64), _no_frame)
-    sensors = sensor_constraints(sequence, INDEPENDENT.backend, poses, np.tile([0.002, 0.005], (len(poses) - 1, 1)))
+    sensors = sensor_constraints(
+        sequence, INDEPENDENT.backend, poses, np.tile([0.002, 0.005], (len(poses) - 1, 1)), measured=True
+    )
     solution = solve_tracks(tracks, sequence, poses, sensors, INDEPENDENT)
     landmarks = describe_landmarks(solution, sequence, INDEPENDENT)
     assert np.mean(landmarks.track >= 10) > 0.9
@@ -125,7 +129,7 @@ def test_tracks_that_contradict_themselves_become_no_landmark() -> None:
 def test_no_tracks_give_no_landmarks() -> None:
     poses = _sway(0.1, 3)
     sequence = Sequence("made up", SONAR, np.arange(3, dtype=np.float64), _no_frame)
-    sensors = sensor_constraints(sequence, INDEPENDENT.backend, poses, np.full((2, 2), 0.01))
+    sensors = sensor_constraints(sequence, INDEPENDENT.backend, poses, np.full((2, 2), 0.01), measured=True)
     nothing = Tracks(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
     solution = solve_tracks(nothing, sequence, poses, sensors, INDEPENDENT)
     landmarks = describe_landmarks(solution, sequence, INDEPENDENT)

@@ -155,6 +155,19 @@ def test_black_frames_in_the_middle_are_named(tank: Sequence, odometry: bool) ->
         np.testing.assert_allclose(poses[4:9], np.repeat(poses[3:4], 5, axis=0), atol=5e-3)
 
 
+@pytest.mark.parametrize("sensors", [True, False])
+def test_one_image_again_and_again_leaves_every_elevation_open(tank: Sequence, sensors: bool) -> None:
+    """A sonar that stands still: no direction but range and bearing is measured, and nothing may break on that."""
+    first = tank.read_frame(0)
+    frames = [replace(first, index=index, timestamp_s=float(tank.timestamps_s[index])) for index in range(6)]
+    still = Trajectory(tank.timestamps_s[:6], np.tile(np.eye(4), (6, 1, 1)))
+    sequence = replace(_with_frames(tank, frames), navigation=None, odometry=still if sensors else None)
+    found = reconstruct(sequence, QUICK).reconstruction
+    _check_finite(found, 6)
+    np.testing.assert_allclose(found.trajectory.world_from_vehicle, still.world_from_vehicle, atol=5e-3)
+    assert len(found.landmarks) > 10 and not found.landmarks.well_constrained.any()
+
+
 def test_one_black_frame_is_bridged(tank: Sequence) -> None:
     found = reconstruct(_with_frames(tank, _blank(list(tank), range(5, 6))), QUICK).reconstruction
     _check_finite(found, FRAMES)

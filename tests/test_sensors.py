@@ -93,14 +93,16 @@ def test_first_pose_is_held_but_for_what_navigation_measures() -> None:
     sequence = _sequence()
     poses = odometry_at_frames(sequence, BackendConfig())
     assert poses is not None
-    constraints = sensor_constraints(sequence, BackendConfig(), poses, np.ones((4, 2)))
+    constraints = sensor_constraints(sequence, BackendConfig(), poses, np.ones((4, 2)), measured=True)
     rotation = poses[0, :3, :3]
     of_rotation = rotation @ constraints.first_covariance[:3, :3] @ rotation.T
     of_translation = rotation @ constraints.first_covariance[3:, 3:] @ rotation.T
     angle_rad = np.sqrt((0.006**2 + 0.008**2) / 2)
     np.testing.assert_allclose(of_rotation, np.diag([angle_rad, angle_rad, 1e-6]) ** 2, atol=1e-12)
     np.testing.assert_allclose(of_translation, np.diag([1e-6, 1e-6, 0.05]) ** 2, atol=1e-12)
-    blind = sensor_constraints(replace(sequence, navigation=None), BackendConfig(), poses, np.ones((4, 2)))
+    blind = sensor_constraints(
+        replace(sequence, navigation=None), BackendConfig(), poses, np.ones((4, 2)), measured=True
+    )
     np.testing.assert_allclose(blind.first_covariance, 1e-12 * np.eye(6), atol=1e-20)
 
 

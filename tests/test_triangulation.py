@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asfm.backend.triangulation import project_jacobian, triangulate_tracks, whitened_residuals
+from asfm.backend.triangulation import Gate, project_jacobian, triangulate_tracks, whitened_residuals
 from asfm.poses import invert, make_pose, transform
 from asfm.sonar import SonarModel, back_project, project
 from asfm.types import FloatArray, IntArray, Tracks
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (500, 128), np.deg2rad(20))
+GATE = Gate(SONAR.elevation_aperture_rad / 2, edge_rad=0.02)
 SIGMA = np.array([0.01, 0.005])
 
 
@@ -53,7 +54,7 @@ def test_exact_observations_give_exact_points() -> None:
     rng = np.random.default_rng(1)
     poses, xyz_m = _poses(rng), _points(rng, 300)
     tracks = _observe(poses, xyz_m)
-    found = triangulate_tracks(tracks, poses, SONAR, np.tile(SIGMA, (len(tracks), 1)))
+    found = triangulate_tracks(tracks, poses, SONAR, np.tile(SIGMA, (len(tracks), 1)), GATE)
     error_m = np.linalg.norm(found.xyz_m - xyz_m, axis=1)
     views = np.bincount(tracks.track)
     assert (views >= 4).mean() > 0.9
@@ -70,8 +71,8 @@ def test_points_move_with_the_world() -> None:
     sigma = np.tile(SIGMA, (len(tracks), 1))
     noisy = Tracks(tracks.track, tracks.frame, tracks.range_m + rng.normal(0, 0.01, len(tracks)), tracks.bearing_rad)
     other = make_pose(np.array([10.0, -20.0, 5.0]), Rotation.from_euler("ZYX", [2.0, 0.5, -1.0]))
-    here = triangulate_tracks(noisy, poses, SONAR, sigma)
-    there = triangulate_tracks(noisy, other @ poses, SONAR, sigma)
+    here = triangulate_tracks(noisy, poses, SONAR, sigma, GATE)
+    there = triangulate_tracks(noisy, other @ poses, SONAR, sigma, GATE)
     np.testing.assert_allclose(there.xyz_m, transform(other, here.xyz_m), atol=1e-6)
     np.testing.assert_array_equal(there.agrees, here.agrees)
 
@@ -83,7 +84,7 @@ def test_planted_wrong_observations_are_found_and_do_no_harm() -> None:
     wrong = rng.random(len(exact)) < 0.15
     range_m = exact.range_m + wrong * rng.choice([-1, 1], len(exact)) * rng.uniform(0.2, 1.0, len(exact))
     tracks = Tracks(exact.track, exact.frame, range_m, exact.bearing_rad)
-    found = triangulate_tracks(tracks, poses, SONAR, np.tile(SIGMA, (len(tracks), 1)))
+    found = triangulate_tracks(tracks, poses, SONAR, np.tile(SIGMA, (len(tracks), 1)), GATE)
     right = np.bincount(exact.track, ~wrong) >= 6
     assert right.mean() > 0.9
     judged = right[exact.track]
@@ -113,7 +114,7 @@ def test_no_worse_than_a_plain_grid_search() -> None:
     exact = _observe(poses, xyz_m)
     noise = rng.normal(0, SIGMA, (len(exact), 2))
     tracks = Tracks(exact.track, exact.frame, exact.range_m + noise[:, 0], exact.bearing_rad + noise[:, 1])
-    found = triangulate_tracks(tracks, poses, SONAR, np.tile(SIGMA, (len(tracks), 1)))
+    found = triangulate_tracks(tracks, poses, SONAR, np.tile(SIGMA, (len(tracks), 1)), GATE)
     costs, bests = [], []
     for index in range(len(xyz_m)):
         rows = np.flatnonzero(tracks.track == index)
@@ -133,7 +134,7 @@ def test_points_stay_in_the_beam_where_nothing_tells_their_elevation() -> None:
     poses = np.repeat(np.eye(4)[None], 5, axis=0)
     xyz_m = _points(rng, 30)
     tracks = _observe(poses, xyz_m)
-    found = triangulate_tracks(tracks, poses, SONAR, np.tile(SIGMA, (len(tracks), 1)))
+    found = triangulate_tracks(tracks, poses, SONAR, np.tile(SIGMA, (len(tracks), 1)), GATE)
     range_m, bearing_rad, elevation_rad = project(found.xyz_m)
     np.testing.assert_allclose(range_m, project(xyz_m)[0], atol=0.01)
     np.testing.assert_allclose(bearing_rad, project(xyz_m)[1], atol=0.01)
@@ -147,17 +148,17 @@ def test_many_tracks_do_not_influence_each_other() -> None:
     poses, xyz_m = _poses(rng, 20), _points(rng, 1500)
     tracks = _observe(poses, xyz_m)
     assert len(tracks) > 20_000
-    found = triangulate_tracks(tracks, poses, SONAR, np.tile(SIGMA, (len(tracks), 1)), elevation_count=5)
+    found = triangulate_tracks(tracks, poses, SONAR, np.tile(SIGMA, (len(tracks), 1)), GATE, elevation_count=5)
     for index in (0, 700, 1499):
         rows = tracks.track == index
         alone = Tracks(np.zeros(rows.sum(), int), tracks.frame[rows], tracks.range_m[rows], tracks.bearing_rad[rows])
-        single = triangulate_tracks(alone, poses, SONAR, np.tile(SIGMA, (len(alone), 1)), elevation_count=5)
+        single = triangulate_tracks(alone, poses, SONAR, np.tile(SIGMA, (len(alone), 1)), GATE, elevation_count=5)
         np.testing.assert_allclose(single.xyz_m[0], found.xyz_m[index], atol=1e-9)
 
 
 def test_no_tracks_give_no_points() -> None:
     nothing = Tracks(np.zeros(0, int), np.zeros(0, int), np.zeros(0), np.zeros(0))
-    found = triangulate_tracks(nothing, np.eye(4)[None], SONAR, np.zeros((0, 2)))
+    found = triangulate_tracks(nothing, np.eye(4)[None], SONAR, np.zeros((0, 2)), GATE)
     assert found.xyz_m.shape == (0, 3) and found.agrees.shape == (0,) and found.residual.shape == (0, 2)
 
 
