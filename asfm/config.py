@@ -108,8 +108,9 @@ class BackendConfig(Section):
     """Correlation of the errors of one track's observations: features slide along edges in step."""
     motion_prior_factor: float = Field(default=1.5, gt=0)
     """Without odometry: sigma of a step, over the typical step of the planar motions."""
-    well_constrained_share: float = Field(default=0.25, gt=0)
-    """A landmark is well constrained when its sigma is below this share of half its elevation arc."""
+    well_constrained_share: float = Field(default=0.4, gt=0)
+    """A landmark is well constrained when its sigma is below this share of half its elevation arc. That it lies in the
+    beam alone gives 0.58."""
 
 
 class Config(Section):
