@@ -25,6 +25,15 @@ class Frame:
     """(ranges, beams), echo strength in 0..1, finite everywhere."""
     invalid: BoolArray
     """(ranges, beams), true where the pixel holds no data (overlay, dead beam)."""
+    decibel_span: float | None = None
+    """Decibels between 0 and 1 where the image is logarithmic; None where it is proportional to the amplitude."""
+
+    @property
+    def amplitude(self) -> ImageArray:
+        """(ranges, beams) image proportional to the echoes' amplitude, in 0..1."""
+        if self.decibel_span is None:
+            return self.image
+        return np.power(np.float32(10), (self.image - 1) * np.float32(self.decibel_span / 20), dtype=np.float32)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ def detect_mask(frame: Frame, config: Config) -> BoolArray:
     Returns:
         (ranges, beams).
     """
-    echoes = keep_clusters(detect_cfar(frame.image, ~frame.invalid, config.cfar), config.clusters)
+    echoes = keep_clusters(detect_cfar(frame.amplitude, ~frame.invalid, config.cfar), config.clusters)
     margin_px = config.keypoints.margin_px
     if margin_px > 0:
         square = np.ones((2 * margin_px + 1, 2 * margin_px + 1), dtype=np.uint8)

@@ -19,6 +19,8 @@ from asfm.sequence import Sequence
 from asfm.sonar import SonarModel
 from asfm.types import FloatArray, Frame
 
+DECIBEL_SPAN = 80.0
+"""Samples 0..255 are 0..80 dB."""
 SIGNATURE = b"DDF\x05"
 HEADER_BYTES = 1024
 HEADER = np.dtype(
@@ -121,7 +123,8 @@ def read_aris_frame(frames: ArisFrames, index: int) -> Frame:
     if len(content) < size:
         raise AsfmError(f"{frames.path}, frame {index}: expected {size} bytes of samples, found {len(content)}")
     image = scale_to_unit(np.frombuffer(content, dtype=np.uint8).reshape(frames.shape))
-    return Frame(index, float(frames.timestamps_s[index]), image, np.zeros(frames.shape, dtype=bool))
+    invalid = np.zeros(frames.shape, dtype=bool)
+    return Frame(index, float(frames.timestamps_s[index]), image, invalid, decibel_span=DECIBEL_SPAN)
 
 
 def _read_headers(path: Path) -> NDArray[Any]:
