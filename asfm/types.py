@@ -33,7 +33,7 @@ class Frame:
         """(ranges, beams) image proportional to the echoes' amplitude, in 0..1."""
         if self.decibel_span is None:
             return self.image
-        return np.power(np.float32(10), (self.image - 1) * np.float32(self.decibel_span / 20), dtype=np.float32)
+        return np.asarray(np.float32(10) ** ((self.image - 1) * np.float32(self.decibel_span / 20)), dtype=np.float32)
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,8 @@ import pytest
 from asfm.datasets import open_sequence
 from asfm.datasets.aris import read_aris
 from asfm.datasets.aris_lenses import beam_centres_rad
+from asfm.datasets.native import read_native
+from asfm.datasets.native_writer import write_native
 from asfm.errors import AsfmError
 from asfm.types import FloatArray
 
@@ -170,3 +172,12 @@ def test_the_makers_sample(shared_data: Path) -> None:
     neighbours = np.corrcoef(images[2].ravel(), images[3].ravel())[0, 1]
     mirrored = np.corrcoef(images[2].ravel(), images[3][:, ::-1].ravel())[0, 1]
     assert neighbours > mirrored, "the sonar hardly moved: rows and columns are what they should be"
+
+
+def test_the_decibels_survive_conversion(tmp_path: Path, shared_data: Path) -> None:
+    recording = read_aris(shared_data / "aris" / "sample.aris")
+    assert recording.read_frame(0).decibel_span == 80.0
+    write_native(tmp_path / "native", recording)
+    again = read_native(tmp_path / "native").read_frame(0)
+    assert again.decibel_span == 80.0
+    np.testing.assert_array_equal(again.image, recording.read_frame(0).image)

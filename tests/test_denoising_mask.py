@@ -107,3 +107,17 @@ def test_same_image_same_mask_and_the_image_is_left_alone() -> None:
     image = draw_echo()
     image.flags.writeable = False
     np.testing.assert_array_equal(mask_of(image), mask_of(image))
+
+
+def test_logarithmic_images_are_detected_on_their_amplitude() -> None:
+    """The same echoes, stored in decibels, give the same mask."""
+    rng = np.random.default_rng(5)
+    amplitude = rng.rayleigh(0.02, (120, 90)).astype(np.float32).clip(1e-4, 1)
+    amplitude[50:56, 30:38] = 0.8
+    nowhere = np.zeros(amplitude.shape, dtype=bool)
+    plain = Frame(0, 0.0, amplitude, nowhere)
+    decibels = Frame(0, 0.0, 1 + 20 * np.log10(amplitude) / np.float32(80), nowhere, decibel_span=80.0)
+    np.testing.assert_allclose(decibels.amplitude, amplitude, rtol=1e-4)
+    config = Config()
+    np.testing.assert_array_equal(detect_mask(decibels, config), detect_mask(plain, config))
+    assert detect_mask(plain, config)[50:56, 30:38].all()

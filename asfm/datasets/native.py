@@ -31,6 +31,8 @@ class NativeFrames:
     """(ranges, beams) of the first image, which all others must have."""
     descending: bool
     """Column 0 on disk is the most port beam: flip each image once."""
+    decibel_span: float | None = None
+    """Decibels from black to white where the images are logarithmic."""
 
 
 def is_native(path: Path) -> bool:
@@ -93,7 +95,7 @@ def read_native_frame(frames: NativeFrames, index: int) -> Frame:
     invalid = np.zeros(frames.shape, dtype=bool) if mask_path is None else read_grey_png(mask_path, frames.shape) > 0
     if frames.descending:
         image, invalid = np.ascontiguousarray(image[:, ::-1]), np.ascontiguousarray(invalid[:, ::-1])
-    return Frame(index, float(frames.timestamps_s[index]), image, invalid)
+    return Frame(index, float(frames.timestamps_s[index]), image, invalid, frames.decibel_span)
 
 
 def make_sonar(settings: SonarSettings, shape: tuple[int, int], path: Path) -> tuple[SonarModel, bool]:
@@ -134,7 +136,7 @@ def _locate_frames(folder: Path, settings: SonarSettings) -> tuple[NativeFrames,
     timestamps_s, images, invalid_masks = _read_frames_table(folder)
     shape = read_png_shape(images[0])
     sonar, descending = make_sonar(settings, shape, folder / "sequence.yaml")
-    return NativeFrames(timestamps_s, images, invalid_masks, shape, descending), sonar
+    return NativeFrames(timestamps_s, images, invalid_masks, shape, descending, settings.decibel_span), sonar
 
 
 def _read_frame_truth(folder: Path, frames: NativeFrames, index: int) -> FrameTruth:

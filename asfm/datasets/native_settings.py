@@ -33,6 +33,8 @@ class SonarSettings(Part):
     bearings_deg: tuple[Degrees, ...] | None = None
     """Centre of every column, where they are spaced unevenly."""
     elevation_aperture_deg: float = Field(gt=0, le=180)
+    decibel_span: float | None = Field(default=None, gt=0)
+    """Decibels from black to white where the images are logarithmic."""
 
     @model_validator(mode="after")
     def _check_edges(self) -> "SonarSettings":

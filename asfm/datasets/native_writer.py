@@ -53,11 +53,13 @@ def write_native(
         AsfmError: the place is taken, the disk refuses, a frame is not what its sequence says, or the ranges are
             spaced unevenly, which sequence.yaml cannot say.
     """
-    settings = _dump_settings(folder, sequence)
+    _dump_settings(folder, sequence, None)  # refuses what cannot be said before anything is written
+    decibel_span = None
     with atomic_folder(folder, NATIVE, overwrite) as partial:
         rows = []
         for index in range(len(sequence)):
             frame = sequence.read_frame(index)
+            decibel_span = frame.decibel_span
             rows.append(_write_frame(partial, sequence, index, frame, bits))
             if truth is not None:
                 (partial / "truth").mkdir(exist_ok=True)
@@ -66,7 +68,7 @@ def write_native(
                 progress(index + 1, len(sequence))
         _write_frames_table(partial / "frames.csv", rows)
         _write_sensors(partial, sequence)
-        _write_lines(partial / "sequence.yaml", [settings.rstrip("\n")])
+        _write_lines(partial / "sequence.yaml", [_dump_settings(folder, sequence, decibel_span).rstrip("\n")])
 
 
 def _write_frame(folder: Path, sequence: Sequence, index: int, frame: Frame, bits: Bits) -> tuple[float, str, str]:
@@ -123,10 +125,10 @@ def _join(rows: Iterable[Iterable[Any]], separator: str = ",") -> list[str]:
     return [separator.join(repr(value.item()) for value in row) for row in rows]
 
 
-def _dump_settings(folder: Path, sequence: Sequence) -> str:
+def _dump_settings(folder: Path, sequence: Sequence, decibel_span: float | None) -> str:
     try:
         settings = SequenceSettings(
-            sonar=_sonar_settings(folder, sequence.sonar),
+            sonar=_sonar_settings(folder, sequence.sonar, decibel_span),
             vehicle_from_sonar=MountSettings.from_pose(sequence.vehicle_from_sonar),
             noise=NoiseSettings.from_sensor_noise(sequence.noise),
         )
@@ -135,7 +137,7 @@ def _dump_settings(folder: Path, sequence: Sequence) -> str:
     return yaml.safe_dump(settings.model_dump(mode="json", exclude_none=True), sort_keys=False, default_flow_style=None)
 
 
-def _sonar_settings(folder: Path, sonar: SonarModel) -> SonarSettings:
+def _sonar_settings(folder: Path, sonar: SonarModel, decibel_span: float | None) -> SonarSettings:
     """Describe the grid by its outer edges, or by every bearing where the beams are spaced unevenly."""
     range_edges_m, bearing_edges_rad = sonar.range_edges_m, sonar.bearing_edges_rad
     range_m = (_tidy(range_edges_m[0]), _tidy(range_edges_m[-1]))
@@ -150,6 +152,7 @@ def _sonar_settings(folder: Path, sonar: SonarModel) -> SonarSettings:
         bearing_deg=(_tidy(np.degrees(outer_rad[0])), _tidy(np.degrees(outer_rad[1]))) if is_even else None,
         bearings_deg=None if is_even else tuple(np.degrees(sonar.bearing_rad).tolist()),
         elevation_aperture_deg=_tidy(np.degrees(sonar.elevation_aperture_rad)),
+        decibel_span=decibel_span,
     )
 
 
