@@ -39,7 +39,7 @@ def detect_keypoints(frame: Frame, mask: BoolArray, sonar: SonarModel, config: C
     response = np.array([keypoint.response for keypoint in found])
     order = np.argsort(-response, kind="stable")[: settings.max_count]
     xy_px = np.array([keypoint.pt for keypoint in found])[order] + 0.5
-    row_column = np.stack([xy_px[:, 1], xy_px[:, 0] / stretch], axis=1)
+    row_column = np.stack([xy_px[:, 1], xy_px[:, 0] * (width / image.shape[1])], axis=1)
     return Keypoints(
         row_column=row_column,
         range_m=sonar.range_at_row(row_column[:, 0]),
