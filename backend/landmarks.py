@@ -5,9 +5,10 @@ import numpy as np
 from asfm.backend.bundle import landmark_covariances
 from asfm.backend.solution import Solution
 from asfm.config import Config
-from asfm.poses import transform
+from asfm.poses import invert, transform
 from asfm.sequence import Sequence
-from asfm.types import FloatArray, IntArray, Landmarks, Tracks
+from asfm.sonar import project
+from asfm.types import BoolArray, FloatArray, IntArray, Landmarks, Tracks
 
 ARC_POINTS = 9
 
@@ -18,8 +19,8 @@ def describe_landmarks(solution: Solution, sequence: Sequence, config: Config) -
     A landmark is well constrained when its largest sigma is a small share of half its elevation arc: the motion has
     told clearly more about the elevation than the beam itself does.
     """
-    track = np.flatnonzero(solution.bundle.in_graph)
     tracks = solution.tracks
+    track = np.flatnonzero(solution.bundle.in_graph & ~_behind(solution, sequence))
     covariance = landmark_covariances(solution.bundle)[track]
     sigma_m = np.sqrt(np.linalg.eigvalsh(covariance)[:, -1]) if len(track) else np.zeros(0)
     last = _last_observations(tracks, solution)[track]
@@ -33,6 +34,15 @@ def describe_landmarks(solution: Solution, sequence: Sequence, config: Config) -
         well_constrained=sigma_m <= config.backend.well_constrained_share * half_arc_m,
         arc_m=_world_arcs(tracks, last, sequence, solution.bundle.world_from_vehicle),
     )
+
+
+def _behind(solution: Solution, sequence: Sequence) -> BoolArray:
+    """Tell which tracks' points the optimisation has thrown behind a beam that sees them, (T,): no landmarks."""
+    tracks, used = solution.tracks, solution.observed
+    sonar_from_world = invert(solution.bundle.world_from_vehicle @ sequence.vehicle_from_sonar)[tracks.frame[used]]
+    _, bearing_rad, _ = project(transform(sonar_from_world, solution.bundle.xyz_m[tracks.track[used]]))
+    astray = np.cos(bearing_rad - tracks.bearing_rad[used]) <= 0
+    return np.bincount(tracks.track[used], astray, minlength=tracks.count) > 0
 
 
 def _last_observations(tracks: Tracks, solution: Solution) -> IntArray:

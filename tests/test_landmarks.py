@@ -1,5 +1,7 @@
 """Landmarks of a solution: views, arcs, and whether the motion tells their elevation (roll does, a plane does not)."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -135,3 +137,14 @@ def test_no_tracks_give_no_landmarks() -> None:
     landmarks = describe_landmarks(solution, sequence, INDEPENDENT)
     assert len(landmarks) == 0 and landmarks.covariance_m2.shape == (0, 3, 3) and landmarks.arc_m.shape[0] == 0
     np.testing.assert_allclose(solution.bundle.world_from_vehicle, poses, atol=1e-6)
+
+
+def test_points_behind_the_sonar_are_no_landmarks(rolling: tuple[Solution, Landmarks]) -> None:
+    solution, landmarks = rolling
+    xyz_m = solution.bundle.xyz_m.copy()
+    astray = int(landmarks.track[3])
+    xyz_m[astray] = [-5.0, 0.0, 0.0]
+    spoiled = replace(solution, bundle=replace(solution.bundle, xyz_m=xyz_m))
+    sequence = Sequence("made up", SONAR, np.arange(10, dtype=np.float64), _no_frame, LEVER_ARM)
+    kept = describe_landmarks(spoiled, sequence, INDEPENDENT).track
+    np.testing.assert_array_equal(kept, np.delete(landmarks.track, 3))
