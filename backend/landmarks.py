@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from asfm.backend.bundle import landmark_covariances
+from asfm.backend.bundle import APERTURE_EDGE_RAD, landmark_covariances
 from asfm.backend.solution import Solution
 from asfm.config import Config
 from asfm.poses import invert, transform
@@ -11,6 +11,8 @@ from asfm.sonar import project
 from asfm.types import BoolArray, FloatArray, IntArray, Landmarks, Tracks
 
 ARC_POINTS = 9
+FADING_EDGES = 5
+"""How many sigmas of the beam's edge a point may lie outside the aperture."""
 
 
 def describe_landmarks(solution: Solution, sequence: Sequence, config: Config) -> Landmarks:
@@ -20,7 +22,7 @@ def describe_landmarks(solution: Solution, sequence: Sequence, config: Config) -
     told clearly more about the elevation than the beam itself does.
     """
     tracks = solution.tracks
-    track = np.flatnonzero(solution.bundle.in_graph & ~_behind(solution, sequence))
+    track = np.flatnonzero(solution.bundle.in_graph & ~_astray(solution, sequence))
     covariance = landmark_covariances(solution.bundle)[track]
     sigma_m = np.sqrt(np.linalg.eigvalsh(covariance)[:, -1]) if len(track) else np.zeros(0)
     last = _last_observations(tracks, solution)[track]
@@ -36,13 +38,18 @@ def describe_landmarks(solution: Solution, sequence: Sequence, config: Config) -
     )
 
 
-def _behind(solution: Solution, sequence: Sequence) -> BoolArray:
-    """Tell which tracks' points the optimisation has thrown behind a beam that sees them, (T,): no landmarks."""
+def _astray(solution: Solution, sequence: Sequence) -> BoolArray:
+    """Tell which tracks' points the optimisation has thrown out of a beam that sees them, (T,): no landmarks.
+
+    Points may lie a little outside, where beams fade; behind the beam or clearly above or below it they cannot.
+    """
     tracks, used = solution.tracks, solution.observed
     sonar_from_world = invert(solution.bundle.world_from_vehicle @ sequence.vehicle_from_sonar)[tracks.frame[used]]
-    _, bearing_rad, _ = project(transform(sonar_from_world, solution.bundle.xyz_m[tracks.track[used]]))
-    astray = np.cos(bearing_rad - tracks.bearing_rad[used]) <= 0
-    return np.bincount(tracks.track[used], astray, minlength=tracks.count) > 0
+    seen = transform(sonar_from_world, solution.bundle.xyz_m[tracks.track[used]])
+    _, bearing_rad, elevation_rad = project(seen)
+    behind = np.cos(bearing_rad - tracks.bearing_rad[used]) <= 0
+    outside = np.abs(elevation_rad) > sequence.sonar.elevation_aperture_rad / 2 + FADING_EDGES * APERTURE_EDGE_RAD
+    return np.bincount(tracks.track[used], behind | outside, minlength=tracks.count) > 0
 
 
 def _last_observations(tracks: Tracks, solution: Solution) -> IntArray:

@@ -139,11 +139,14 @@ def test_no_tracks_give_no_landmarks() -> None:
     np.testing.assert_allclose(solution.bundle.world_from_vehicle, poses, atol=1e-6)
 
 
-def test_points_behind_the_sonar_are_no_landmarks(rolling: tuple[Solution, Landmarks]) -> None:
+@pytest.mark.parametrize("place_m", [(-5.0, 0.0, 0.0), (4.0, 0.0, 3.0)])
+def test_points_outside_their_beams_are_no_landmarks(
+    rolling: tuple[Solution, Landmarks], place_m: tuple[float, float, float]
+) -> None:
     solution, landmarks = rolling
     xyz_m = solution.bundle.xyz_m.copy()
     astray = int(landmarks.track[3])
-    xyz_m[astray] = [-5.0, 0.0, 0.0]
+    xyz_m[astray] = place_m
     spoiled = replace(solution, bundle=replace(solution.bundle, xyz_m=xyz_m))
     sequence = Sequence("made up", SONAR, np.arange(10, dtype=np.float64), _no_frame, LEVER_ARM)
     kept = describe_landmarks(spoiled, sequence, INDEPENDENT).track
