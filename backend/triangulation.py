@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from asfm.poses import invert
+from asfm.poses import invert, transform
 from asfm.sonar import SonarModel, project
 from asfm.types import BoolArray, FloatArray, IntArray, Tracks
 
@@ -71,9 +71,9 @@ def triangulate_tracks(
             tracks, start, chunk, world_from_sonar, sonar_from_world, sonar, sigma, gate, elevation_count
         )
     for _ in range(4):
-        agrees, _, _ = _judge(xyz_m, tracks, sonar_from_world, sigma, gate)
+        agrees, _ = _judge(xyz_m, tracks, sonar_from_world, sigma, gate)
         xyz_m = _refine(xyz_m, tracks, agrees, sonar_from_world, sigma, gate.half_aperture_rad)
-    agrees, residual, _ = _judge(xyz_m, tracks, sonar_from_world, sigma, gate)
+    agrees, residual = _judge(xyz_m, tracks, sonar_from_world, sigma, gate)
     return Triangulation(xyz_m, agrees, residual)
 
 
@@ -89,8 +89,7 @@ def whitened_residuals(
     Returns:
         (O, 2) residuals of range and bearing in sigmas, (O,) elevation_rad at which the frame sees the point.
     """
-    seen = np.einsum("oij,oj->oi", sonar_from_world[:, :3, :3], xyz_m[tracks.track]) + sonar_from_world[:, :3, 3]
-    range_m, bearing_rad, elevation_rad = project(seen)
+    range_m, bearing_rad, elevation_rad = project(transform(sonar_from_world, xyz_m[tracks.track]))
     residual = np.stack([range_m - tracks.range_m, bearing_rad - tracks.bearing_rad], axis=-1) / sigma
     return residual, elevation_rad
 
@@ -130,7 +129,7 @@ def _search(
     cost = ((range_m - tracks.range_m[observed, None]) / sigma[:, :1]) ** 2
     cost += ((bearing_rad - tracks.bearing_rad[observed, None]) / sigma[:, 1:]) ** 2
     half = gate.half_aperture_rad
-    cost += (np.maximum(np.abs(elevation_rad) - gate.half_aperture_rad, 0) / gate.edge_rad) ** 2
+    cost += (np.maximum(np.abs(elevation_rad) - half, 0) / gate.edge_rad) ** 2
     # Of elevations that fit alike, take the middle one: a step there from the beam's edge would leave the arc.
     pull = (MIDDLE_PULL * np.minimum(np.abs(elevation_rad) / half, 1)) ** 2 / (stop - first)[track, None]
     total = np.add.reduceat(np.minimum(cost, gate.truncation**2) + pull, first - first[0], axis=0)
@@ -139,10 +138,11 @@ def _search(
 
 def _judge(
     xyz_m: FloatArray, tracks: Tracks, sonar_from_world: FloatArray, sigma: FloatArray, gate: Gate
-) -> tuple[BoolArray, FloatArray, FloatArray]:
+) -> tuple[BoolArray, FloatArray]:
+    """Tell which observations agree with their track's point: (O,), and give their (O, 2) whitened residuals."""
     residual, elevation_rad = whitened_residuals(xyz_m, tracks, sonar_from_world, sigma)
     outside = np.maximum(np.abs(elevation_rad) - gate.half_aperture_rad, 0) / gate.edge_rad
-    return (residual**2).sum(axis=1) + outside**2 <= gate.truncation**2, residual, elevation_rad
+    return (residual**2).sum(axis=1) + outside**2 <= gate.truncation**2, residual
 
 
 def _refine(
@@ -154,9 +154,8 @@ def _refine(
     half: float,
 ) -> FloatArray:
     """Take one damped Gauss-Newton step for every point, over the observations that agree."""
-    rotation = sonar_from_world[:, :3, :3]
-    seen = np.einsum("oij,oj->oi", rotation, xyz_m[tracks.track]) + sonar_from_world[:, :3, 3]
-    jacobian = np.einsum("oki,oij->okj", project_jacobian(seen), rotation)
+    seen = transform(sonar_from_world, xyz_m[tracks.track])
+    jacobian = np.einsum("oki,oij->okj", project_jacobian(seen), sonar_from_world[:, :3, :3])
     range_m, bearing_rad, elevation_rad = project(seen)
     # The elevation is not measured; a weak pull to the middle of the beam keeps unobservable points inside it.
     scale = np.stack([1 / sigma[:, 0], 1 / sigma[:, 1], np.full(len(tracks), MIDDLE_PULL / half)], axis=1)

@@ -34,7 +34,8 @@ def associate(
     if not matches:
         return build_tracks(keypoints, [], config.tracks.min_views)
     sigma = feature_sigma(sonar, config.noise) * np.sqrt(2.0)
-    residual = [_match_residuals(keypoints, match, sonar, world_from_sonar, sigma) for match in matches]
+    pixels = [np.stack([frame.range_m, frame.bearing_rad], axis=1) for frame in keypoints]
+    residual = [_match_residuals(pixels, match, sonar, world_from_sonar, sigma) for match in matches]
     gap = np.array([match.frame_b - match.frame_a for match in matches])
     gate = np.empty(len(matches))
     for value in np.unique(gap):
@@ -49,16 +50,13 @@ def associate(
 
 
 def _match_residuals(
-    keypoints: Sequence[Keypoints],
+    pixels: Sequence[FloatArray],
     match: Matches,
     sonar: SonarModel,
     world_from_sonar: FloatArray,
     sigma: FloatArray,
 ) -> FloatArray:
-    """Distance of every match of a pair from its elevation arc, in sigmas: (M,)."""
+    """Distance (M,) of every match of a pair from its elevation arc, in sigmas; pixels are (K, 2) a frame."""
     b_from_a = invert(world_from_sonar[match.frame_b]) @ world_from_sonar[match.frame_a]
-    pixels = [
-        np.stack([frame.range_m, frame.bearing_rad], axis=1)[match.index[:, side]]
-        for side, frame in enumerate((keypoints[match.frame_a], keypoints[match.frame_b]))
-    ]
-    return arc_residuals(sonar, np.broadcast_to(b_from_a, (len(match), 4, 4)), pixels[0], pixels[1], sigma)
+    pixel_a, pixel_b = pixels[match.frame_a][match.index[:, 0]], pixels[match.frame_b][match.index[:, 1]]
+    return arc_residuals(sonar, np.broadcast_to(b_from_a, (len(match), 4, 4)), pixel_a, pixel_b, sigma)
