@@ -6,6 +6,7 @@ from pathlib import Path
 from asfm.datasets.aris import is_aris, read_aris
 from asfm.datasets.holoocean import is_holoocean, read_holoocean
 from asfm.datasets.native import is_native, open_native_truth, read_native
+from asfm.datasets.oculus import is_oculus, read_oculus
 from asfm.errors import AsfmError
 from asfm.sequence import Sequence
 from asfm.types import FrameTruth
@@ -16,6 +17,7 @@ FORMATS: tuple[tuple[str, Callable[[Path], bool], Callable[[Path], Sequence]], .
     ("a native folder with sequence.yaml", is_native, read_native),
     ("a HoloOcean folder with Config.json and Data/*.pkl", is_holoocean, read_holoocean),
     ("an ARIS recording (.aris)", is_aris, read_aris),
+    ("an Oculus recording of raw messages (.raw)", is_oculus, read_oculus),
 )
 """What each format looks like, how to recognise it, how to read it."""
 
