@@ -36,7 +36,7 @@ class OculusPings:
     timestamps_s: FloatArray
     pings: tuple[Ping, ...]
     scale: float
-    """What one unit of the samples, after the rows' gains, is worth in the image."""
+    """What one unit of amplitude, gains and gamma taken off, is worth in the image."""
 
 
 def is_oculus(path: Path) -> bool:
@@ -51,10 +51,11 @@ def read_oculus(path: Path, elevation_aperture_deg: float | None = None) -> Sequ
     """Open an Oculus recording.
 
     Row i lies at (i + 0.5) times the range resolution. The table's bearings are positive to starboard and rise; the
-    columns are turned round once, here. Samples of 8 bits run from 0 to 1. Of wider ones, and of rows with gains,
-    which are divided by the gain's root, the strongest in the file is 1, for how much of their span is used depends on
-    the settings. The clock of version 1 has no trustworthy unit: such pings are spaced evenly. Heading, pitch and
-    roll of version 2 have no stated accuracy and are left out.
+    columns are turned round once, here. The gamma that the header states is undone: on a real ping of empty water
+    detectors then give the false alarms that they are set to, and a twentieth of them otherwise. Samples of 8 bits run
+    from 0 to 1. Of wider ones, and of rows with gains, which are divided by the gain's root, the strongest in the file
+    is 1, for how much of their span is used depends on the settings. The clock of version 1 has no trustworthy unit:
+    such pings are spaced evenly. Heading, pitch and roll of version 2 have no stated accuracy and are left out.
 
     Args:
         path: the file.
@@ -97,7 +98,7 @@ def read_oculus_frame(frames: OculusPings, index: int) -> Frame:
 
 
 def _read_echoes(path: Path, index: int, ping: Ping) -> FloatArray:
-    """Read (ranges, beams) samples in the file's order of beams, the rows' gains taken off."""
+    """Read (ranges, beams) amplitudes in the file's order of beams, the rows' gains and the gamma taken off."""
     with path.open("rb") as file:
         file.seek(ping.image_at)
         content = file.read(ping.image_bytes)
@@ -110,12 +111,12 @@ def _read_echoes(path: Path, index: int, ping: Ping) -> FloatArray:
         for row in np.flatnonzero(gains == 0)[:1]:
             raise AsfmError(f"{path}, frame {index}: expected a gain above 0 in every row, found 0 in row {row}")
         echoes /= np.sqrt(gains)[:, None]
-    return echoes
+    return echoes if ping.gamma == 1 else np.asarray(echoes ** (1 / ping.gamma))
 
 
 def _find_scale(path: Path, pings: tuple[Ping, ...]) -> float:
     if pings[0].sample_type == np.uint8 and not pings[0].has_gains:
-        return 1 / 255
+        return float(255 ** (-1 / pings[0].gamma))
     peak = max(float(_read_echoes(path, index, ping).max()) for index, ping in enumerate(pings))
     return 1 / peak if peak > 0 else 1.0
 
@@ -128,6 +129,7 @@ def _check_settings(path: Path, pings: tuple[Ping, ...]) -> None:
             ("message version", first.version, ping.version),
             ("frequency mode", first.master_mode, ping.master_mode),
             ("bits a sample", 8 * first.sample_type.itemsize, 8 * ping.sample_type.itemsize),
+            ("gamma", round(first.gamma, 3), round(ping.gamma, 3)),
             ("row gains", first.has_gains, ping.has_gains),
         ):
             if expected != found:

@@ -25,7 +25,7 @@ def _layout(size: int, fields: dict[str, tuple[str, int]]) -> np.dtype[Any]:
     return np.dtype({"names": list(fields), "formats": list(formats), "offsets": list(offsets), "itemsize": size})
 
 
-FIRE_FIELDS = {"master_mode": ("u1", 16), "rate_code": ("u1", 17), "flags": ("u1", 20)}
+FIRE_FIELDS = {"master_mode": ("u1", 16), "rate_code": ("u1", 17), "gamma_code": ("u1", 19), "flags": ("u1", 20)}
 HEADERS = {
     1: _layout(
         122,
@@ -52,6 +52,8 @@ class Ping:
     rate_code: int
     start_time_s: float
     """NaN in version 1, whose clock has no trustworthy unit."""
+    gamma: float
+    """The samples are amplitudes to this power."""
     range_step_m: float
     shape: tuple[int, int]
     """(ranges, beams)"""
@@ -135,6 +137,7 @@ def _read_ping(file: BinaryIO, where: str, at: int, end: int) -> Ping:
         master_mode=int(header["master_mode"]),
         rate_code=int(header["rate_code"]),
         start_time_s=float(header["start_time"]) if version == 2 else float("nan"),
+        gamma=int(header["gamma_code"]) / 255 or 1.0,  # 0 means none, as 255 does
         range_step_m=step_m,
         shape=(ranges, beams),
         sample_type=SAMPLE_TYPES[int(header["data_size"])],
