@@ -6,7 +6,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from asfm.poses import invert, make_pose
-from asfm.simulation.navigation import SlowDrift, simulate_navigation, simulate_odometry, wander
+from asfm.simulation.navigation import SlowDrift, measure_tilt, simulate_navigation, simulate_odometry, wander
 from asfm.types import SensorNoise, Trajectory
 
 NOISE = SensorNoise(0.02, 0.005, 0.01, 0.004, 0.003)
@@ -48,6 +48,25 @@ def test_depth_and_attitude_err_by_the_stated_sigmas() -> None:
     assert stats.kstest((reading.z_m - truth.world_from_vehicle[:, 2, 3]) / 0.01, "norm").pvalue > 0.005
     assert stats.kstest((reading.roll_rad - roll) / 0.004, "norm").pvalue > 0.005
     assert stats.kstest((reading.pitch_rad - pitch) / 0.003, "norm").pvalue > 0.005
+
+
+@pytest.mark.filterwarnings("error")
+def test_tilt_is_sensible_where_the_nose_points_straight_down_or_up() -> None:
+    pitch = np.deg2rad([-90.0, -89.9999999, -60.0, 0.0, 89.0, 90.0, 90.0])
+    angles = np.stack([np.linspace(-3, 3, 7), pitch, np.full(7, 0.4)], axis=-1)
+    truth = Trajectory(np.arange(7.0), make_pose(np.zeros((7, 3)), Rotation.from_euler("ZYX", angles)))
+    roll, found = measure_tilt(truth.world_from_vehicle)
+    assert found == pytest.approx(pitch, abs=1e-6)
+    assert roll == pytest.approx([0, 0, 0.4, 0.4, 0.4, 0, 0], abs=1e-6)
+    reading = simulate_navigation(truth, NOISE, np.random.default_rng(0))
+    assert np.isfinite(reading.roll_rad).all() and np.abs(reading.pitch_rad).max() <= np.pi / 2
+
+
+def test_roll_stays_within_half_a_turn() -> None:
+    upside_down = np.tile(make_pose(np.zeros(3), Rotation.from_euler("X", np.pi)), (500, 1, 1))
+    reading = simulate_navigation(Trajectory(np.arange(500.0), upside_down), NOISE, np.random.default_rng(0))
+    assert np.abs(reading.roll_rad).max() <= np.pi
+    assert (reading.roll_rad > 3).any() and (reading.roll_rad < -3).any()
 
 
 def test_slow_drift_stays_from_step_to_step_and_white_noise_does_not() -> None:

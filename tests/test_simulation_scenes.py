@@ -1,5 +1,6 @@
 """Every scene can be travelled through by every sonar, and any mesh becomes one."""
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,13 @@ from asfm.poses import invert, make_pose, transform
 from asfm.simulation.meshes import read_mesh
 from asfm.simulation.motions import MOTIONS, View
 from asfm.simulation.presets import PRESETS
-from asfm.simulation.rays import RayCaster
+from asfm.simulation.rays import RayCaster, make_ray_fan
 from asfm.simulation.scene import Scene
 from asfm.simulation.scenes import SCENES
 from asfm.simulation.seafloor import make_seafloor
+from asfm.simulation.sensor import make_sonar_model
 from asfm.simulation.simulate import simulate, simulate_path
-from asfm.simulation.surroundings import check_outside
+from asfm.simulation.surroundings import check_outside, count_blind
 from asfm.sonar import project
 from asfm.types import FloatArray, Trajectory
 
@@ -78,6 +80,50 @@ def test_mesh_file_becomes_a_scene(tmp_path: Path) -> None:
     assert np.isfinite(simulated.read_truth(0).elevation_rad).any()
 
 
+def test_mesh_far_from_the_origin_is_seen_as_well(tmp_path: Path) -> None:
+    """Coordinates of a survey grid, in hundreds of kilometres, are no reason for a coarser picture."""
+    box = trimesh.creation.box(extents=(2.0, 1.0, 1.0))
+    here = simulate(_save(box, tmp_path / "here.ply"), frame_count=2)
+    box.apply_translation([500_000.0, 4_000_000.0, -10.0])
+    there = simulate(_save(box, tmp_path / "there.obj"), frame_count=2)
+    seen = [np.isfinite(simulated.read_truth(1).elevation_rad).mean() for simulated in (here, there)]
+    assert seen[0] > 0.01 and seen[1] == pytest.approx(seen[0], rel=0.05)
+
+
+@pytest.mark.parametrize("preset", ["didson", "oculus_m750d_low", "aris_3000"])
+@pytest.mark.parametrize("name", SCENES)
+def test_scene_is_large_enough_for_forty_seconds(name: str, preset: str) -> None:
+    """Of its usual motion, in steps of two seconds: never inside anything, always something to see."""
+    sonar, (scene, caster) = PRESETS[preset], _build(name)
+    view = SCENES[name].look(sonar.range_max)
+    poses = MOTIONS[SCENES[name].motion](view, np.arange(0.0, 41.0, 2.0), np.random.default_rng(1))
+    check_outside(scene, caster, poses)
+    fan = make_ray_fan(make_sonar_model(sonar), 24)
+    assert count_blind(caster, fan, poses, (sonar.range_min, sonar.range_max)) == 0
+
+
+@cache
+def _build(name: str) -> tuple[Scene, RayCaster]:
+    scene = SCENES[name].make(np.random.default_rng(1))
+    return scene, RayCaster(scene)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_sonar_inside_the_things_of_a_scene_is_refused(name: str) -> None:
+    """Two centimetres below almost any face there is a thing, or the ground: thin plates and crossings are the rest."""
+    rng, (scene, caster) = np.random.default_rng(3), _build(name)
+    corners_m = scene.vertices_m[scene.faces[rng.integers(len(scene.faces), size=40)]]
+    normal = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
+    inside_m = corners_m.mean(axis=1) - 0.02 * normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    refused = 0
+    for x, y, z in inside_m:
+        try:
+            check_outside(scene, caster, _place(x, y, z))
+        except AsfmError as error:
+            refused += "is inside an object" in str(error)
+    assert refused >= 37
+
+
 def test_open_mesh_is_simulated_with_a_warning(tmp_path: Path) -> None:
     sheet = trimesh.Trimesh([[0, -3, 0], [0, 3, 0], [0, 0, 3]], [[0, 1, 2]])
     simulated = simulate(_save(sheet, tmp_path / "sheet.stl"), frame_count=3)
@@ -92,9 +138,24 @@ def test_open_mesh_is_simulated_with_a_warning(tmp_path: Path) -> None:
         ("empty.obj", b"", "empty.obj: "),
         ("words.stl", b"solid nothing of the kind", "words.stl: "),
         ("bytes.glb", b"\x00\x01\x02\x03" * 9, "bytes.glb: cannot read a mesh"),
-        ("notes.txt", b"hello", "notes.txt: cannot read a mesh"),
+        ("notes.txt", b"hello", "notes.txt: expected a mesh such as .obj, .ply, .stl or .glb, found .txt"),
+        ("bare", b"hello", "bare: expected a mesh such as .obj, .ply, .stl or .glb, found no suffix"),
         ("point.obj", b"v 0 0 0\n", "point.obj: "),
-        ("nan.obj", b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "nan.obj: "),
+        ("nan.obj", b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "nan.obj: expected finite vertices"),
+        ("line.obj", b"v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "line.obj: .* found only faces without an area"),
+        ("index.obj", b"v 0 0 0\nv 1 0 0\nv 2 1 0\nf 1 2 9\n", "index.obj: cannot read a mesh"),
+        (
+            "vast.obj",
+            b"v 1e300 0 0\nv -1e300 0 0\nv 0 1e300 0\nf 1 2 3\n",
+            r"metres, 100000 m across at most, found 2e\+300",
+        ),
+        (
+            "short.stl",
+            trimesh.creation.box().export(file_type="stl")[:300],
+            "short.stl: cannot read a mesh: the file is",
+        ),
+        ("short.ply", trimesh.creation.box().export(file_type="ply")[:300], "short.ply: cannot read a mesh"),
+        ("short.glb", trimesh.creation.box().export(file_type="glb")[:200], "short.glb: cannot read a mesh"),
     ],
 )
 def test_bad_mesh_is_one_clear_line(tmp_path: Path, name: str, content: bytes | None, message: str) -> None:
@@ -125,7 +186,7 @@ def test_nothing_in_view_is_a_valid_image_of_noise_and_a_warning() -> None:
     triangle = Scene("far", np.array([[90.0, 0, 0], [90, 1, 0], [90, 0, 1]]), np.array([[0, 2, 1]]), np.ones(1))
     sonar = PRESETS["oculus_m750d_high"]
     simulated = simulate_path(triangle, sonar, Trajectory(np.array([0.0, 0.2]), np.tile(np.eye(4), (2, 1, 1))))
-    assert simulated.sequence.warnings == ("2 of 2 frames see nothing of far within 8.0 m",)
+    assert simulated.sequence.warnings == ("2 of 2 frames see nothing of far within 8.0 m; it is 1 m across",)
     image, truth = simulated.sequence.read_frame(0).image, simulated.read_truth(0)
     assert image.mean() == pytest.approx(sonar.add_sigma * np.sqrt(np.pi / 2), rel=0.02)
     assert np.isnan(truth.elevation_rad).all() and truth.clean.max() == 0

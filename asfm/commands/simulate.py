@@ -65,4 +65,6 @@ def _read_motion(motion: str | None) -> str | Trajectory | None:
     if motion is None or motion in MOTIONS:
         return motion
     path = Path(motion)
+    if path.is_dir():
+        raise AsfmError(f"{path}: expected a motion's name or a path in TUM format, found a folder")
     return read_tum(path) if path.suffix or path.exists() else motion

@@ -8,6 +8,9 @@ from scipy.spatial.transform import Rotation
 from asfm.poses import invert, make_pose
 from asfm.types import FloatArray, Navigation, SensorNoise, Trajectory
 
+UPRIGHT = 1e-6
+"""Cosine of the pitch below which there is no roll: poses are good to about this."""
+
 
 @dataclass(frozen=True)
 class SlowDrift:
@@ -65,13 +68,31 @@ def chain_steps(first: FloatArray, steps: FloatArray) -> FloatArray:
 
 
 def simulate_navigation(truth: Trajectory, noise: SensorNoise, rng: np.random.Generator) -> Navigation:
-    """Read depth, roll and pitch of the vehicle at every stamp with Gaussian errors of the stated sigmas."""
+    """Read depth, roll and pitch of the vehicle at every stamp with Gaussian errors of the stated sigmas.
+
+    Roll stays within half a turn and pitch within a quarter, as an attitude sensor reports them.
+    """
     poses = truth.world_from_vehicle
     errors = rng.standard_normal((3, len(poses)))
-    _, pitch_rad, roll_rad = Rotation.from_matrix(poses[:, :3, :3]).as_euler("ZYX").T
+    roll_rad, pitch_rad = measure_tilt(poses)
+    noisy_roll_rad = roll_rad + noise.navigation_roll_rad * errors[1]
     return Navigation(
         truth.timestamps_s,
         poses[:, 2, 3] + noise.navigation_z_m * errors[0],
-        roll_rad + noise.navigation_roll_rad * errors[1],
-        pitch_rad + noise.navigation_pitch_rad * errors[2],
+        np.where(
+            np.abs(noisy_roll_rad) > np.pi, np.remainder(noisy_roll_rad + np.pi, 2 * np.pi) - np.pi, noisy_roll_rad
+        ),
+        np.clip(pitch_rad + noise.navigation_pitch_rad * errors[2], -np.pi / 2, np.pi / 2),
     )
+
+
+def measure_tilt(world_from_vehicle: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Give roll and pitch, (N,) each, of (N, 4, 4) poses whose rotation is Rz(yaw) Ry(pitch) Rx(roll).
+
+    The lowest row of the rotation, (-sin pitch, cos pitch sin roll, cos pitch cos roll), is what gravity shows. Where
+    the nose points straight up or down gravity says nothing of roll, which is then 0.
+    """
+    ahead, aside, up = world_from_vehicle[:, 2, :3].T
+    level = np.hypot(aside, up)
+    roll_rad = np.where(level > UPRIGHT, np.arctan2(aside, up), 0.0)
+    return np.asarray(roll_rad), np.asarray(np.arctan2(-ahead, level))

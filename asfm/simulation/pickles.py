@@ -10,6 +10,7 @@ import numpy as np
 
 from asfm.errors import AsfmError
 from asfm.folders import FolderKind, atomic_folder
+from asfm.simulation.scenario import CONTRAST_PER_MULT_SIGMA, SCALED_NOISE_EXPONENT
 from asfm.simulation.sensor import ImagingSonar
 from asfm.simulation.simulate import SimulatedSequence
 
@@ -75,7 +76,8 @@ def describe_scenario(sonar: ImagingSonar, world: str) -> dict[str, Any]:
         "Azimuth": sonar.azimuth,
         "Elevation": sonar.elevation,
         "AddSigma": sonar.add_sigma,
-        "MultSigma": sonar.mult_sigma,
+        "MultSigma": sonar.mult_sigma / CONTRAST_PER_MULT_SIGMA,
+        "ScaleNoise": sonar.noise_range_exponent == SCALED_NOISE_EXPONENT,
         "RangeSigma": sonar.range_sigma,
         "MultiPath": sonar.multi_path,
     }

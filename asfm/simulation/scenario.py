@@ -1,4 +1,9 @@
-"""A HoloOcean scenario as the sonar's description."""
+"""A HoloOcean scenario as the sonar's description.
+
+Names, units and defaults are those of HoloOcean's ImagingSonar (its documentation of the sensor, and how its engine
+uses the numbers). Its image is echo x (0.5 + N(0, MultSigma)) + Rayleigh(AddSigma), so that speckle's contrast is twice
+MultSigma; ScaleNoise lets AddSigma grow with the square of range.
+"""
 
 import json
 from dataclasses import dataclass
@@ -9,15 +14,13 @@ import numpy as np
 
 from asfm.errors import AsfmError
 from asfm.poses import make_pose
-from asfm.simulation.sensor import ImagingSonar, parse_sonar
+from asfm.simulation.sensor import MAX_CELLS, ImagingSonar, parse_sonar
 from asfm.types import FloatArray
 
 ENGINE_KEYS = {
-    "AzimuthStreaks",
     "ClusterSize",
     "ElevationRes",
     "InitOctreeRange",
-    "ScaleNoise",
     "ShadowEpsilon",
     "ShowWarning",
     "ShowWaring",
@@ -33,6 +36,10 @@ ENGINE_KEYS = {
 HOLOOCEAN_DEFAULTS = {"AddSigma": 0.0, "MultSigma": 0.0, "independent_beams": True}
 """Where a key is missing, HoloOcean's own default rather than ours."""
 
+CONTRAST_PER_MULT_SIGMA = 2.0
+SCALED_NOISE_EXPONENT = 2.0
+SONAR_TYPE = "ImagingSonar"
+
 
 @dataclass(frozen=True)
 class Scenario:
@@ -41,38 +48,57 @@ class Scenario:
     sonar: ImagingSonar
     vehicle_from_sonar: FloatArray
     """(4, 4) from the sensor's location and rotation on the agent."""
+    warnings: tuple[str, ...] = ()
+    """What of the scenario is not simulated."""
 
 
 def read_scenario(path: Path) -> Scenario:
-    """Read the first imaging sonar of a scenario's first agent.
+    """Read the first imaging sonar of a scenario: of the main agent if it has one, else of the first agent that has.
 
     Raises:
         AsfmError: no JSON, no imaging sonar, or a key or value of its configuration that is not HoloOcean's.
     """
-    try:
-        scenario = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-        raise AsfmError(f"{path}: cannot read a HoloOcean scenario: {' '.join(str(error).split())}") from None
-    sensor = _find_sonar(path, scenario)
+    sensors = _list_sonars(path, _load(path))
+    sensor, warnings = sensors[0], []
+    if len(sensors) > 1:
+        warnings.append(f"{path} has {len(sensors)} imaging sonars: the first is simulated")
     settings = {key: value for key, value in _mapping(path, sensor, "configuration").items() if key not in ENGINE_KEYS}
+    if settings.pop("AzimuthStreaks", 0):
+        warnings.append(f"AzimuthStreaks of {path} is not simulated")
     _convert_resolutions(path, settings)
-    for name in ("Add", "Mult"):
-        if f"{name}Cov" in settings:
-            settings[f"{name}Sigma"] = _number(path, settings.pop(f"{name}Cov"), f"{name}Cov") ** 0.5
+    _convert_noise(path, settings)
     settings = HOLOOCEAN_DEFAULTS | settings
     if "Hz" in sensor:
-        settings["rate_hz"] = sensor["Hz"]
+        settings["rate_hz"] = _number(path, sensor["Hz"], "Hz", above_zero=True)
     if "name" not in settings:
         settings["name"] = str(sensor.get("sensor_name", "HoloOcean ImagingSonar"))
-    return Scenario(parse_sonar(settings, str(path)), _mount(path, sensor))
+    return Scenario(parse_sonar(settings, str(path)), _mount(path, sensor), tuple(warnings))
 
 
-def _find_sonar(path: Path, scenario: Any) -> dict[str, Any]:
+def _load(path: Path) -> Any:
+    if path.is_dir():
+        raise AsfmError(f"{path}: expected a HoloOcean scenario, found a folder")
     try:
-        sensors = scenario["agents"][0]["sensors"]
-        return next(dict(sensor) for sensor in sensors if sensor["sensor_type"] == "ImagingSonar")
-    except (KeyError, IndexError, TypeError, ValueError, StopIteration):
-        raise AsfmError(f"{path}: expected a sensor_type of ImagingSonar in agents[0].sensors, found none") from None
+        return json.loads(path.read_text(encoding="utf-8-sig"))
+    except FileNotFoundError:
+        raise AsfmError(f"{path}: expected a HoloOcean scenario, found no file") from None
+    except (OSError, ValueError, RecursionError) as error:
+        raise AsfmError(f"{path}: cannot read a HoloOcean scenario: {' '.join(str(error).split())}") from None
+
+
+def _list_sonars(path: Path, scenario: Any) -> list[dict[str, Any]]:
+    """List the imaging sonars of all agents, those of the main agent first."""
+    if not isinstance(scenario, dict) or not isinstance(scenario.get("agents"), list):
+        raise AsfmError(f"{path}: expected a HoloOcean scenario with a list of agents, found none")
+    agents = [agent for agent in scenario["agents"] if isinstance(agent, dict)]
+    agents.sort(key=lambda agent: agent.get("agent_name") != scenario.get("main_agent"))
+    lists = [agent.get("sensors") for agent in agents]
+    sensors = [sensor for found in lists if isinstance(found, list) for sensor in found if isinstance(sensor, dict)]
+    sonars = [sensor for sensor in sensors if sensor.get("sensor_type") == SONAR_TYPE]
+    if not sonars:
+        others = sorted({str(sensor.get("sensor_type")) for sensor in sensors})
+        raise AsfmError(f"{path}: expected a sensor_type of {SONAR_TYPE}, found {', '.join(others) or 'no sensors'}")
+    return sonars
 
 
 def _mapping(path: Path, sensor: dict[str, Any], key: str) -> dict[str, Any]:
@@ -83,22 +109,48 @@ def _mapping(path: Path, sensor: dict[str, Any], key: str) -> dict[str, Any]:
 
 
 def _convert_resolutions(path: Path, settings: dict[str, Any]) -> None:
-    """Replace RangeRes and AzimuthRes, which HoloOcean takes instead of a number of bins."""
+    """Replace RangeRes and AzimuthRes, which HoloOcean takes instead of a number of bins: as many whole ones as fit."""
     default = ImagingSonar()
     stated = {"RangeMin": default.range_min, "RangeMax": default.range_max, "Azimuth": default.azimuth} | settings
     for name, high, low in (("Range", "RangeMax", "RangeMin"), ("Azimuth", "Azimuth", None)):
         if f"{name}Res" not in settings:
             continue
-        step = _number(path, settings.pop(f"{name}Res"), f"{name}Res")
-        if step == 0:
-            raise AsfmError(f"{path}: {name}Res: expected a number above zero, found 0")
+        _refuse_both(path, settings, f"{name}Bins", f"{name}Res")
+        step = _number(path, settings.pop(f"{name}Res"), f"{name}Res", above_zero=True)
         span = _number(path, stated[high], high) - (_number(path, stated[low], low) if low else 0.0)
-        settings.setdefault(f"{name}Bins", round(span / step))
+        settings[f"{name}Bins"] = int(np.clip(span / step + 1e-6, 0, MAX_CELLS))
 
 
-def _number(path: Path, value: Any, key: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value) or value < 0:
-        raise AsfmError(f"{path}: {key}: expected a number of zero or more, found {value!r}")
+def _convert_noise(path: Path, settings: dict[str, Any]) -> None:
+    """Replace variances by sigmas, and what HoloOcean means by its noise by what the simulator means."""
+    for name in ("Add", "Mult"):
+        if f"{name}Cov" in settings:
+            _refuse_both(path, settings, f"{name}Sigma", f"{name}Cov")
+            settings[f"{name}Sigma"] = _number(path, settings.pop(f"{name}Cov"), f"{name}Cov") ** 0.5
+    if "MultSigma" in settings:
+        sigma = _number(path, settings["MultSigma"], "MultSigma")
+        if sigma > 1 / CONTRAST_PER_MULT_SIGMA:
+            raise AsfmError(
+                f"{path}: MultSigma: expected 0.5 at most, where speckle is as strong as echoes, found {sigma}"
+            )
+        settings["MultSigma"] = CONTRAST_PER_MULT_SIGMA * sigma
+    for switch in ("ScaleNoise", "MultiPath"):
+        if switch in settings and settings[switch] not in (0, 1):  # False and True besides
+            raise AsfmError(f"{path}: {switch}: expected true or false, found {settings[switch]!r}")
+    if settings.pop("ScaleNoise", False):
+        settings.setdefault("noise_range_exponent", SCALED_NOISE_EXPONENT)
+
+
+def _refuse_both(path: Path, settings: dict[str, Any], one: str, other: str) -> None:
+    if one in settings:
+        raise AsfmError(f"{path}: expected {one} or {other}, found both")
+
+
+def _number(path: Path, value: Any, key: str, above_zero: bool = False) -> float:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value)
+    if not is_number or value < 0 or (above_zero and value == 0):
+        expected = "a number above zero" if above_zero else "a number of zero or more"
+        raise AsfmError(f"{path}: {key}: expected {expected}, found {value!r}")
     return float(value)
 
 

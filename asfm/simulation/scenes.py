@@ -29,11 +29,18 @@ class Recipe:
     heading_deg: float
     depression_deg: float
     motion: str
+    room_m: float = np.inf
+    """How far from the target a sonar can be without leaving the scene."""
 
     def build(self, range_max_m: float, rng: np.random.Generator) -> tuple[Scene, View]:
         """Make the scene, and the view in which its target fills the middle of an image of that range."""
+        return self.make(rng), self.look(range_max_m)
+
+    def look(self, range_max_m: float) -> View:
+        """Give the view in which the target fills the middle of an image of that range."""
         heading_rad, depression_rad = np.deg2rad([self.heading_deg, self.depression_deg])
-        return self.make(rng), View(self.target_m, float(heading_rad), float(depression_rad), REACH * range_max_m)
+        distance_m = min(REACH * range_max_m, self.room_m)
+        return View(self.target_m, float(heading_rad), float(depression_rad), distance_m)
 
 
 @dataclass(frozen=True)
@@ -61,9 +68,9 @@ SCENES: dict[str, Recipe] = {
     # A ship's bottom from below: anodes, gratings, outlets, bilge keels.
     "hull": Recipe(make_hull, (0.0, 0.0, 0.0), 70.0, -26.0, "transect"),
     # A wooden wreck broken in two.
-    "wreck": Recipe(make_wreck, (0.0, 0.0, 0.6), 90.0, 24.0, "orbit"),
+    "wreck": Recipe(make_wreck, (0.0, 0.0, 0.6), 90.0, 24.0, "transect"),
     # A tank with targets on stands.
-    "tank": Recipe(make_tank, (0.8, 0.0, 0.6), 0.0, 14.0, "sway"),
+    "tank": Recipe(make_tank, (0.8, 0.0, 0.6), 0.0, 14.0, "sway", room_m=4.0),
 }
 
 

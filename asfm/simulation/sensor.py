@@ -15,6 +15,12 @@ def _holoocean_name(field: str) -> str:
     return "".join(part.capitalize() for part in field.split("_"))
 
 
+MAX_CELLS = 20_000_000
+"""Rays, or pixels, of one ping at most: what a laptop's memory holds."""
+TEXTS = {"name", "Name"}
+SWITCHES = {"multi_path", "MultiPath", "independent_beams", "IndependentBeams"}
+
+
 class ImagingSonar(BaseModel):
     """One imaging sonar: its grid, its beams, its noise.
 
@@ -22,7 +28,13 @@ class ImagingSonar(BaseModel):
     read); units are HoloOcean's: metres and degrees. Those after ``rate_hz`` are asfm's own.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, alias_generator=_holoocean_name)
+    model_config = ConfigDict(
+        extra="forbid",
+        frozen=True,
+        populate_by_name=True,
+        alias_generator=_holoocean_name,
+        allow_inf_nan=False,
+    )
 
     range_min: float = Field(default=0.1, ge=0)
     """Near edge of the first row, m."""
@@ -88,6 +100,9 @@ class ImagingSonar(BaseModel):
     def _check(self) -> "ImagingSonar":
         if self.range_min >= self.range_max:
             raise ValueError(f"RangeMin {self.range_min} must be below RangeMax {self.range_max}")
+        for name, bins in (("RangeBins", self.range_bins), ("ElevationBins", self.elevation_bins)):
+            if self.azimuth_bins * bins > MAX_CELLS:
+                raise ValueError(f"AzimuthBins {self.azimuth_bins} x {name} {bins} is more than {MAX_CELLS}")
         if self.bearings_deg is not None:
             if len(self.bearings_deg) != self.azimuth_bins:
                 raise ValueError(f"bearings_deg has {len(self.bearings_deg)} beams, AzimuthBins is {self.azimuth_bins}")
@@ -96,12 +111,23 @@ class ImagingSonar(BaseModel):
         return self
 
 
+def _check_kinds(settings: dict[str, Any], where: str) -> None:
+    """Refuse text and truth values where a number belongs, which pydantic would convert: they are slips."""
+    for key, value in settings.items():
+        if isinstance(value, str) and key not in TEXTS:
+            raise AsfmError(f"{where}: sonar parameter {key!r}: expected a number, found {value!r}")
+        if isinstance(value, bool) and key not in SWITCHES:
+            raise AsfmError(f"{where}: sonar parameter {key!r}: expected a number, found {str(value).lower()}")
+
+
 def parse_sonar(settings: dict[str, Any], where: str) -> ImagingSonar:
     """Validate settings under HoloOcean's names or ours.
 
     Raises:
         AsfmError: an unknown key or an impossible value; ``where`` begins the message.
     """
+    known_names = {name for field in ImagingSonar.model_fields for name in (field, _holoocean_name(field))}
+    _check_kinds({key: value for key, value in settings.items() if key in known_names}, where)
     try:
         return ImagingSonar.model_validate(settings)
     except ValidationError as error:
@@ -111,7 +137,11 @@ def parse_sonar(settings: dict[str, Any], where: str) -> ImagingSonar:
             known = ", ".join(_holoocean_name(field) for field in ImagingSonar.model_fields)
             raise AsfmError(f"{where}: unknown sonar parameter {key!r}; known: {known}") from None
         message = first["msg"].removeprefix("Value error, ")
-        raise AsfmError(f"{where}: {f'sonar parameter {key!r}: ' if key else ''}{message}") from None
+        if key:
+            message = (
+                f"sonar parameter {key!r}: {message.replace('Input should be', 'expected')}, found {first['input']!r}"
+            )
+        raise AsfmError(f"{where}: {message}") from None
 
 
 def make_sonar_model(sonar: ImagingSonar) -> SonarModel:

@@ -1,7 +1,7 @@
 """Simulate a sequence: scene, sonar, motion and sensors put together."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from asfm.simulation.scenario import Scenario, read_scenario
 from asfm.simulation.scene import Scene
 from asfm.simulation.scenes import find_scene
 from asfm.simulation.sensor import ImagingSonar
-from asfm.simulation.surroundings import check_outside, count_blind
+from asfm.simulation.surroundings import check_near, check_outside, count_blind
 from asfm.types import FloatArray, Frame, FrameTruth, SensorNoise, Trajectory
 
 SENSOR_NOISE = SensorNoise(0.02, float(np.deg2rad(0.3)), 0.01, float(np.deg2rad(0.2)), float(np.deg2rad(0.2)))
@@ -78,13 +78,19 @@ def simulate(
     move = find_motion(motion or recipe.motion) if not isinstance(motion, Trajectory) else None
     mount = scenario.vehicle_from_sonar if vehicle_from_sonar is None else vehicle_from_sonar
     scene, view = recipe.build(sonar.range_max, _generator(seed, _SCENE))
+    remarks = scenario.warnings
     if isinstance(motion, Trajectory):
         path = sample_path(motion, sonar.rate_hz, frame_count)
+        if len(path.timestamps_s) < frame_count:
+            remarks += (
+                f"the path ends after {len(path.timestamps_s)} of {frame_count} frames at {sonar.rate_hz:g} Hz",
+            )
     else:
         assert move is not None
         times_s: FloatArray = np.arange(frame_count) / sonar.rate_hz
         path = Trajectory(times_s, move(view, times_s, _generator(seed, _MOTION)) @ invert(mount))
-    return simulate_path(scene, sonar, path, seed, mount)
+    simulated = simulate_path(scene, sonar, path, seed, mount)
+    return replace(simulated, sequence=replace(simulated.sequence, warnings=remarks + simulated.sequence.warnings))
 
 
 def find_sonar(name: str) -> Scenario:
@@ -118,10 +124,11 @@ def simulate_path(
     """Simulate a sequence along the path of a vehicle that carries the sonar.
 
     Raises:
-        AsfmError: the scene is empty, or the sonar would be inside an object.
+        AsfmError: the scene is empty, or the sonar would be inside an object or far away from everything.
     """
     mount = np.eye(4) if vehicle_from_sonar is None else vehicle_from_sonar
     poses = path.world_from_vehicle @ mount
+    check_near(scene, poses)
     renderer = make_renderer(scene, sonar, poses)
     check_outside(scene, renderer.caster, poses)
 
@@ -156,7 +163,11 @@ def _list_warnings(renderer: Renderer, poses: FloatArray) -> tuple[str, ...]:
         warnings.append(f"the mesh of {scene.name} is open: it echoes from both sides, and has no inside to avoid")
     blind = count_blind(renderer.caster, renderer.fan, poses, (sonar.range_min, sonar.range_max))
     if blind:
-        warnings.append(f"{blind} of {len(poses)} frames see nothing of {scene.name} within {sonar.range_max} m")
+        size_m = float(np.ptp(scene.vertices_m, axis=0).max())
+        warnings.append(
+            f"{blind} of {len(poses)} frames see nothing of {scene.name} within {sonar.range_max} m; "
+            f"it is {size_m:.4g} m across"
+        )
     return tuple(warnings)
 
 

@@ -10,8 +10,26 @@ from asfm.types import FloatArray, ImageArray
 DIRECTIONS = 128
 BACK_SIDES = 0.3
 """Share of all directions that may meet the back of a face; a sonar in a solid, or under the ground, meets more."""
+FARTHEST_M = 1e5
 COARSE = 29
 """Every so manyth ray tells whether there is anything in view."""
+
+
+def check_near(scene: Scene, poses: FloatArray) -> None:
+    """Make sure that every pose of the sonar, (N, 4, 4), is within 100 km of the scene, where rays are exact.
+
+    Raises:
+        AsfmError: one is not; the message names the first.
+    """
+    if not len(scene.vertices_m):
+        return
+    middle_m = 0.5 * (scene.vertices_m.min(axis=0) + scene.vertices_m.max(axis=0))
+    away_m = np.abs(poses[:, :3, 3] - middle_m).max(axis=-1)
+    for index in np.flatnonzero(~(away_m < FARTHEST_M))[:1]:
+        raise AsfmError(
+            f"scene {scene.name}: at frame {index} the sonar is {away_m[index]:.3g} m away, expected at most "
+            f"{FARTHEST_M:g} m; is the path in metres and in the scene's coordinates?"
+        )
 
 
 def check_outside(scene: Scene, caster: RayCaster, poses: FloatArray) -> None:
