@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from asfm.simulation.echo import GRAIN_M, delay_echoes
+from asfm.simulation.echo import delay_echoes
 from asfm.simulation.renderer import Renderer, make_renderer
 from asfm.simulation.scene import Scene, join_scenes
 from asfm.simulation.sensor import ImagingSonar
 from asfm.simulation.shapes import make_ball, make_sheet, move_mesh
+from asfm.simulation.strength import GRAIN_M
 from asfm.types import ImageArray
 
 SONAR = ImagingSonar(

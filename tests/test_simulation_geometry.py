@@ -6,7 +6,7 @@ import trimesh
 
 from asfm.errors import AsfmError
 from asfm.poses import invert, make_pose, transform
-from asfm.simulation.echo import average_elevation
+from asfm.simulation.pixels import average_elevation
 from asfm.simulation.presets import PRESETS
 from asfm.simulation.rays import RayCaster
 from asfm.simulation.renderer import Renderer, make_renderer

@@ -4,9 +4,16 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from asfm.simulation.receiver import add_noise, leak_beams, make_point_spread, spread_beams, spread_ranges
+from asfm.simulation.receiver import (
+    add_noise,
+    leak_beams,
+    make_point_spread,
+    spread_beams,
+    spread_ranges,
+    sum_beams,
+)
 from asfm.simulation.sensor import ImagingSonar, make_sonar_model
-from asfm.simulation.speckle import draw_energies, make_field_bank
+from asfm.simulation.speckle import draw_mix, make_field_bank, mix_energies
 from asfm.types import ImageArray
 
 SONAR = ImagingSonar(range_bins=300, azimuth_bins=128, azimuth=60)
@@ -52,7 +59,9 @@ def test_beams_that_overlap_hear_alike_and_the_statistics_stay() -> None:
     assert abs((centred[1:] * centred[:-1]).mean() / centred.var()) < 0.03
     speckled = add_noise(grey, sonar.model_copy(update={"add_sigma": 0.0}), MODEL, np.random.default_rng(1), bank)
     assert speckled.std() / speckled.mean() == pytest.approx(0.35, rel=0.05)
-    speckle, noise = (energies.ravel() for energies in draw_energies(bank, 300, np.random.default_rng(3)))
+    speckle, noise = (
+        energies.ravel() for energies in mix_energies(bank, draw_mix(bank, 300, np.random.default_rng(3)))
+    )
     assert abs(np.corrcoef(speckle, noise)[0, 1]) < 0.02
     again = add_noise(dark, sonar, MODEL, np.random.default_rng(2), bank)
     assert abs(np.corrcoef(background.ravel(), again.ravel())[0, 1]) < 0.02
@@ -76,10 +85,10 @@ def test_point_spread_keeps_the_power_and_has_the_widths_asked_for() -> None:
     spread = make_point_spread(sonar, MODEL)
     smeared = spread_beams(spread_ranges(_point(), spread), spread)
     assert smeared.sum() == pytest.approx(1.0, rel=1e-3)
-    assert smeared.argmax() == 150 * 128 + 64
+    assert smeared.argmax() == 64 * 300 + 150
     width_beams = 1.0 / np.rad2deg(MODEL.bearing_step_rad)
-    assert (smeared[150] >= 0.5 * smeared.max()).sum() == pytest.approx(width_beams, abs=1.5)
-    assert (smeared[:, 64] >= 0.5 * smeared.max()).sum() == pytest.approx(0.1 / MODEL.range_step_m, abs=1.5)
+    assert (smeared[:, 150] >= 0.5 * smeared.max()).sum() == pytest.approx(width_beams, abs=1.5)
+    assert (smeared[64] >= 0.5 * smeared.max()).sum() == pytest.approx(0.1 / MODEL.range_step_m, abs=1.5)
 
 
 @pytest.mark.parametrize("level_db", [-26.0, -40.0])
@@ -87,15 +96,29 @@ def test_strong_echo_leaves_a_ring_at_its_range(level_db: float) -> None:
     sonar = SONAR.model_copy(update={"side_lobe_db": level_db, "cross_talk_db": -60.0})
     spread = make_point_spread(sonar, MODEL)
     pulsed = spread_ranges(_point(), spread)
-    peak, ring_db = spread_beams(pulsed, spread)[150, 64], 10 * np.log10(leak_beams(pulsed, spread)[150])
+    leaked = leak_beams(sum_beams(pulsed, spread), spread)
+    peak, ring_db = spread_beams(pulsed, spread)[64, 150], 10 * np.log10(leaked[:, 150])
     ring_db -= 10 * np.log10(peak)
     assert ring_db[66] == pytest.approx(level_db, abs=1.5)
     assert ring_db[64 + 16] - ring_db[64 + 32] == pytest.approx(6, abs=2)
     assert ring_db.min() > level_db - 40
-    assert leak_beams(pulsed, spread)[100].max() == 0
+    assert leaked[:, 100].max() == 0
+
+
+def test_some_beams_are_those_of_all() -> None:
+    """A band of beams, of whatever width, is cut from the whole; the lobe and the boxes reach across its borders."""
+    sonar = SONAR.model_copy(update={"beam_width_deg": 2.0})
+    spread = make_point_spread(sonar, MODEL)
+    power = np.random.default_rng(0).random((128, 300), dtype=np.float32)
+    total = sum_beams(power, spread)
+    lobes, leaks = spread_beams(power, spread), leak_beams(total, spread)
+    for some in (slice(0, 1), slice(3, 50), slice(120, 128)):
+        assert np.array_equal(spread_beams(power, spread, some), lobes[some])
+        assert np.array_equal(leak_beams(total, spread, some), leaks[some])
 
 
 def _point() -> ImageArray:
-    power = np.zeros(MODEL.shape, dtype=np.float32)
-    power[150, 64] = 1.0
+    """One beam's echo in one row: (beams, ranges)."""
+    power = np.zeros(MODEL.shape[::-1], dtype=np.float32)
+    power[64, 150] = 1.0
     return power

@@ -7,11 +7,13 @@ from functools import cache
 import numpy as np
 
 from asfm.simulation.sensor import ImagingSonar
-from asfm.simulation.speckle import FieldBank, draw_energies
+from asfm.simulation.speckle import FieldBank, draw_mix, mix_energies
 from asfm.sonar import SonarModel
 from asfm.types import FloatArray, ImageArray
 
 FWHM_PER_SIGMA = 2.354820045
+BAND_ROWS = 100
+"""So many rows get their noise at once: their numbers stay in the processor's cache."""
 SPECKLED = np.float32(0.002)
 """Image value, half a count of eight bits, below which speckle cannot be seen."""
 
@@ -65,38 +67,60 @@ def _side_lobes(level_db: float, width_beams: float, beams: int) -> tuple[tuple[
 
 
 def spread_ranges(power: ImageArray, spread: PointSpread) -> ImageArray:
-    """Smear a (ranges, beams) image of power along ranges by the pulse."""
-    reach, rows = len(spread.pulse) // 2, len(power)
-    padded = np.pad(power, ((reach, reach), (0, 0)))
-    smeared: ImageArray = spread.pulse[0] * padded[:rows]
+    """Smear a (beams, ranges) image of power along ranges by the pulse."""
+    reach, (beams, rows) = len(spread.pulse) // 2, power.shape
+    padded = np.zeros((beams, rows + 2 * reach), dtype=np.float32)
+    padded[:, reach : reach + rows] = power
+    smeared: ImageArray = spread.pulse[0] * padded[:, :rows]
+    share = np.empty_like(smeared)
     for tap, weight in enumerate(spread.pulse[1:], start=1):
-        smeared += weight * padded[tap : tap + rows]
+        smeared += np.multiply(weight, padded[:, tap : tap + rows], out=share)
     return smeared
 
 
-def spread_beams(power: ImageArray, spread: PointSpread) -> ImageArray:
-    """Smear a (ranges, beams) image of power along beams by the main lobe."""
-    reach, columns = len(spread.lobe) // 2, power.shape[1]
-    smeared = np.zeros((len(power), columns + 2 * reach), dtype=np.float32)
-    share = np.empty_like(power)
-    for shift, weight in enumerate(spread.lobe):
-        smeared[:, shift : shift + columns] += np.multiply(weight, power, out=share)
-    return smeared[:, reach : reach + columns]
+def spread_beams(power: ImageArray, spread: PointSpread, some: slice = slice(None)) -> ImageArray:
+    """Smear a (beams, ranges) image of power along beams by the main lobe; give ``some`` of the beams."""
+    first, last, _ = some.indices(len(power))
+    reach = len(spread.lobe) // 2
+    smeared = np.zeros((last - first, power.shape[1]), dtype=np.float32)
+    share = np.empty_like(smeared)
+    for shift, weight in enumerate(spread.lobe, start=-reach):  # from beam i to beam i + shift
+        begin, end = max(first, shift), min(last, len(power) + shift)
+        if end <= begin:
+            continue
+        heard = share[: end - begin]
+        np.multiply(weight[begin - shift : end - shift, None], power[begin - shift : end - shift], out=heard)
+        smeared[begin - first : end - first] += heard
+    return smeared
 
 
-def leak_beams(power: ImageArray, spread: PointSpread) -> ImageArray:
-    """Give what a (ranges, beams) image of power leaks into other beams: side lobes and cross-talk."""
-    rows, columns = power.shape
-    reach = max((half for half, _ in spread.side_lobes), default=0)
-    total = np.zeros((rows, columns + 2 * reach + 1), dtype=np.float32)
-    np.cumsum(power, axis=1, out=total[:, reach + 1 : reach + 1 + columns])
-    total[:, reach + 1 + columns :] = total[:, reach + columns, None]
-    leaked = np.repeat(total[:, -1:] * np.float32(spread.cross_talk / columns), columns, axis=1)
+def sum_beams(power: ImageArray, spread: PointSpread) -> ImageArray:
+    """Sum a (beams, ranges) image of power over the beams before each, padded as far as the side lobes reach."""
+    reach, beams = _reach(spread), len(power)
+    total = np.zeros((beams + 2 * reach + 1, power.shape[1]), dtype=np.float32)
+    for beam in range(beams):  # three times as fast as a cumulative sum, which adds one number at a time
+        np.add(total[reach + beam], power[beam], out=total[reach + beam + 1])
+    total[reach + beams + 1 :] = total[reach + beams]
+    return total
+
+
+def leak_beams(total: ImageArray, spread: PointSpread, some: slice = slice(None)) -> ImageArray:
+    """Give what leaks into ``some`` beams by side lobes and cross-talk, from the sums of :func:`sum_beams`."""
+    reach = _reach(spread)
+    beams = len(total) - 2 * reach - 1
+    first, last, _ = some.indices(beams)
+    leaked: ImageArray = np.tile(total[-1] * np.float32(spread.cross_talk / beams), (last - first, 1))
+    box = np.empty_like(leaked)
     for half, level in spread.side_lobes:
-        box = total[:, reach + half + 1 : reach + half + 1 + columns] - total[:, reach - half : reach - half + columns]
+        low, high = reach - half, reach + half + 1
+        np.subtract(total[high + first : high + last], total[low + first : low + last], out=box)
         box *= np.float32(level)
         leaked += box
     return leaked
+
+
+def _reach(spread: PointSpread) -> int:
+    return max((half for half, _ in spread.side_lobes), default=0)
 
 
 def add_noise(
@@ -112,19 +136,31 @@ def add_noise(
     independent; with one, beams that overlap hear alike.
     """
     image = clean.copy()
+    sigma = background_sigma(sonar, model)
     if bank is None:
-        energies = tuple(rng.standard_exponential((2, *clean.shape), dtype=np.float32))
+        energies = rng.standard_exponential((2, *clean.shape), dtype=np.float32)
     else:
-        energies = draw_energies(bank, len(clean), rng)
+        mix = draw_mix(bank, len(clean), rng)
+    for first in range(0, len(clean), BAND_ROWS):
+        rows = slice(first, first + BAND_ROWS)
+        speckle, background = energies[:, rows] if bank is None else mix_energies(bank, mix, rows)
+        _disturb(image[rows], speckle, background, sigma[rows], sonar)
+    return image
+
+
+def _disturb(
+    image: ImageArray, speckle: ImageArray, background: ImageArray, sigma: ImageArray, sonar: ImagingSonar
+) -> None:
+    """Lay speckle and background of the given energies over some rows of an image, in place."""
     if sonar.mult_sigma:
-        seen = np.flatnonzero(clean > SPECKLED)  # a third of the image, as a rule
-        image.ravel()[seen] *= shape_speckle(energies[0].ravel()[seen], sonar.mult_sigma)
+        seen = np.flatnonzero(image > SPECKLED)  # a third of the image, as a rule
+        image.ravel()[seen] *= shape_speckle(speckle.ravel()[seen], sonar.mult_sigma)
     if sonar.add_sigma or sonar.near_sigma:
-        noise = energies[1] * (2 * background_sigma(sonar, model) ** 2)
+        noise = background * (2 * sigma**2)
         image += np.sqrt(noise, out=noise)
     if sonar.threshold:
         image -= np.float32(sonar.threshold)
-    return np.clip(image, 0, 1, out=image)
+    np.clip(image, 0, 1, out=image)
 
 
 def shape_speckle(energy: ImageArray, contrast: float) -> ImageArray:

@@ -4,20 +4,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from asfm.simulation.echo import (
-    Echoes,
-    EchoStrength,
-    accumulate_power,
-    average_elevation,
-    delay_echoes,
-    trace_echoes,
-    weigh_echoes,
-)
+from asfm.simulation.echo import Echoes, delay_echoes, trace_echoes
+from asfm.simulation.pixels import accumulate_power, average_elevation
 from asfm.simulation.rays import Hits, RayCaster, RayFan, make_ray_fan
-from asfm.simulation.receiver import PointSpread, add_noise, leak_beams, make_point_spread, spread_beams, spread_ranges
+from asfm.simulation.receiver import (
+    PointSpread,
+    add_noise,
+    leak_beams,
+    make_point_spread,
+    spread_beams,
+    spread_ranges,
+    sum_beams,
+)
 from asfm.simulation.scene import Scene
 from asfm.simulation.sensor import ImagingSonar, make_sonar_model
 from asfm.simulation.speckle import FieldBank, make_field_bank
+from asfm.simulation.strength import EchoStrength, weigh_echoes
 from asfm.sonar import SonarModel
 from asfm.types import FloatArray, FrameTruth, ImageArray
 
@@ -26,6 +28,20 @@ BANK_SEED = 2048
 GAIN_POSES = 3
 MIDDLE_VALUE = 0.3
 STRONG_VALUE = 0.9
+
+
+SECTOR_RAYS = 14_000
+"""About as many rays are traced at once: their numbers stay in the processor's cache, which is twice as fast."""
+
+
+@dataclass(frozen=True)
+class Sector:
+    """Neighbouring beams whose rays are traced at once."""
+
+    beams: slice
+    rays: slice
+    fan: RayFan
+    strength: EchoStrength
 
 
 @dataclass(frozen=True)
@@ -38,6 +54,7 @@ class Renderer:
     model: SonarModel
     fan: RayFan
     strength: EchoStrength
+    sectors: tuple[Sector, ...]
     spread: PointSpread
     bank: FieldBank | None
     """Fields from which speckle and noise are drawn, where beams do not hear independently."""
@@ -53,38 +70,60 @@ class Renderer:
 
     def measure_power(self, echoes: Echoes) -> ImageArray:
         """Give the (ranges, beams) echo density as the main lobes hear it."""
-        return spread_beams(self._measure_pulses(echoes), self.spread)
+        pulsed = spread_ranges(accumulate_power(echoes, self.model.shape[::-1]), self.spread)
+        return np.ascontiguousarray(spread_beams(pulsed, self.spread).T)
 
     def display(self, power: ImageArray) -> ImageArray:
         """Turn echo density into image values in 0..1: amplitudes, the strong ones softly limited."""
-        return np.asarray(-np.expm1(np.sqrt(power) * np.float32(-self.gain)))
+        value: ImageArray = np.sqrt(power)
+        value *= np.float32(-self.gain)
+        return np.negative(np.expm1(value, out=value), out=value)
 
     def render(self, world_from_sonar: FloatArray, hits: Hits, rng: np.random.Generator) -> ImageArray:
         """Give the (ranges, beams) image that the sonar records: echoes, side lobes, second bounces, noise.
 
         ``hits`` is what :meth:`cast` found from that pose.
         """
-        echoes = self.trace(hits)
-        if self.sonar.range_sigma:
-            echoes = delay_echoes(echoes, self.sonar.range_sigma / self.model.range_step_m, rng)
-        pulsed = self._measure_pulses(echoes)
+        pulsed = self._measure_sectors(hits, rng)
         if self.sonar.multi_path:
-            pulsed += self._measure_pulses(self._trace_second_bounce(world_from_sonar, hits))
-        power = spread_beams(pulsed, self.spread) + leak_beams(pulsed, self.spread)
-        return add_noise(self.display(power), self.sonar, self.model, rng, self.bank)
+            ghosts = self._measure_sectors(self.caster.bounce(hits, self.sonar.range_max))
+            pulsed += ghosts * np.float32(10 ** (self.sonar.multi_path_db / 10))
+        total = sum_beams(pulsed, self.spread)
+        image = np.empty(self.model.shape, dtype=np.float32)
+        for sector in self.sectors:
+            power = leak_beams(total, self.spread, sector.beams)
+            power += spread_beams(pulsed, self.spread, sector.beams)
+            image[:, sector.beams] = self.display(power).T
+        return add_noise(image, self.sonar, self.model, rng, self.bank)
 
     def render_truth(self, hits: Hits) -> FrameTruth:
         """Give the elevation of every pixel, and the image of the direct echoes in the main lobes without noise."""
         echoes = self.trace(hits)
         return FrameTruth(average_elevation(echoes, self.model.shape), self.display(self.measure_power(echoes)))
 
-    def _measure_pulses(self, echoes: Echoes) -> ImageArray:
-        return spread_ranges(accumulate_power(echoes, self.model.shape), self.spread)
+    def _measure_sectors(self, hits: Hits, rng: np.random.Generator | None = None) -> ImageArray:
+        """Give the (beams, ranges) echo density before the beams smear it; with chance, echoes may be delayed."""
+        rows, beams = self.model.shape
+        pulsed = np.empty((beams, rows), dtype=np.float32)
+        for sector in self.sectors:
+            echoes = trace_echoes(hits.part(sector.rays), sector.fan, sector.strength, self.model)
+            if rng and self.sonar.range_sigma:
+                echoes = delay_echoes(echoes, self.sonar.range_sigma / self.model.range_step_m, rng)
+            shape = (sector.beams.stop - sector.beams.start, rows)
+            pulsed[sector.beams] = spread_ranges(accumulate_power(echoes, shape), self.spread)
+        return pulsed
 
-    def _trace_second_bounce(self, world_from_sonar: FloatArray, hits: Hits) -> Echoes:
-        """Find the echoes that go sonar, mirror, surface, mirror, sonar: heard behind the mirror, at its bearing."""
-        echoes = self.trace(self.caster.bounce(world_from_sonar, hits, self.sonar.range_max))
-        return replace(echoes, power=echoes.power * np.float32(10 ** (self.sonar.multi_path_db / 10)))
+
+def cut_sectors(fan: RayFan, strength: EchoStrength, beams: int) -> tuple[Sector, ...]:
+    """Cut the rays of all beams into sectors, always the same ones for the same sonar."""
+    rays_per_beam = len(fan.column) // beams
+    width = max(1, SECTOR_RAYS // rays_per_beam)
+    sectors = []
+    for first in range(0, beams, width):
+        last = min(first + width, beams)
+        rays = slice(first * rays_per_beam, last * rays_per_beam)
+        sectors.append(Sector(slice(first, last), rays, fan.part(rays, first), strength.part(rays)))
+    return tuple(sectors)
 
 
 def make_renderer(scene: Scene, sonar: ImagingSonar, poses: FloatArray) -> Renderer:
@@ -97,7 +136,8 @@ def make_renderer(scene: Scene, sonar: ImagingSonar, poses: FloatArray) -> Rende
     fan = make_ray_fan(model, sonar.elevation_bins)
     strength, spread = weigh_echoes(scene, fan, sonar, model), make_point_spread(sonar, model)
     bank = None if sonar.independent_beams else make_field_bank(spread.lobe, np.random.default_rng(BANK_SEED))
-    renderer = Renderer(scene, RayCaster(scene), sonar, model, fan, strength, spread, bank)
+    sectors = cut_sectors(fan, strength, model.shape[1])
+    renderer = Renderer(scene, RayCaster(scene), sonar, model, fan, strength, sectors, spread, bank)
     return replace(renderer, gain=sonar.gain or _choose_gain(renderer, poses))
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from asfm.types import ImageArray
+from asfm.types import ImageArray, IntArray
 
 BANK_ROWS = 2048
 
@@ -19,10 +19,8 @@ BANK_ROWS = 2048
 class FieldBank:
     """Rows of a complex Gaussian field of unit energy, each as wide as the image."""
 
-    real: ImageArray
-    """(BANK_ROWS, beams)"""
-    imaginary: ImageArray
-    """(BANK_ROWS, beams)"""
+    field: ImageArray
+    """(BANK_ROWS, 2, beams) real and imaginary parts."""
     energy: ImageArray
     """(BANK_ROWS, beams) squares of the field."""
 
@@ -42,33 +40,55 @@ def make_field_bank(lobe: ImageArray, rng: np.random.Generator) -> FieldBank:
         field[..., shift : shift + beams] += np.sqrt(power).astype(np.float32) * white
         energy[shift : shift + beams] += power
     field *= np.sqrt(0.5 / np.maximum(energy, 1e-12)).astype(np.float32)
-    real, imaginary = field[..., reach : reach + beams].copy()
-    return FieldBank(real, imaginary, real**2 + imaginary**2)
+    real, imaginary = field[..., reach : reach + beams]
+    return FieldBank(np.stack([real, imaginary], axis=1), real**2 + imaginary**2)
 
 
-def draw_energies(bank: FieldBank, rows: int, rng: np.random.Generator) -> tuple[ImageArray, ImageArray]:
-    """Draw two independent (rows, beams) images of energies of mean 1.
+@dataclass(frozen=True)
+class RowMix:
+    """How each of R rows of energies is made of two rows of a bank: a random unitary rotation."""
 
-    Each row is a random unitary rotation of two random rows of the bank into two fields, so that the second field's
-    energy is what the first leaves of the two rows' energies. Two pings share at most single rows, elsewhere in the
-    image and mixed with others: no pattern that a matcher could take for a thing.
+    one: IntArray
+    """(R,) row of the bank."""
+    other: IntArray
+    """(R,) row of the bank."""
+    share: ImageArray
+    """(R, 1, 1) factor of the one."""
+    turn_real: ImageArray
+    """(R, 1, 1) real part of the factor of the other."""
+    turn_imaginary: ImageArray
+    """(R, 1, 1) imaginary part of the factor of the other."""
+
+
+def draw_mix(bank: FieldBank, rows: int, rng: np.random.Generator) -> RowMix:
+    """Draw what makes a ping's noise its own.
+
+    Two pings share at most single rows, elsewhere in the image and mixed with others: no pattern that a matcher could
+    take for a thing.
     """
-    one, other = rng.integers(0, len(bank.real), (2, rows))
-    mix, phase = rng.uniform(0, 2 * np.pi, (2, rows, 1))
-    share = np.cos(mix).astype(np.float32)
+    one, other = rng.integers(0, len(bank.field), (2, rows))
+    mix, phase = rng.uniform(0, 2 * np.pi, (2, rows, 1, 1))
     turn = np.sin(mix) * np.exp(1j * phase)
-    turn_real, turn_imaginary = turn.real.astype(np.float32), turn.imag.astype(np.float32)
-    other_real, other_imaginary = bank.real[other], bank.imaginary[other]
-    real = share * bank.real[one]
-    real += turn_real * other_real
-    real -= turn_imaginary * other_imaginary
-    imaginary = share * bank.imaginary[one]
-    imaginary += turn_imaginary * other_real
-    imaginary += turn_real * other_imaginary
-    real *= real
-    imaginary *= imaginary
-    real += imaginary
-    rest = bank.energy[one]
-    rest += bank.energy[other]
-    rest -= real
-    return real, np.maximum(rest, 0, out=rest)
+    factors = (part.astype(np.float32) for part in (np.cos(mix), turn.real, turn.imag))
+    return RowMix(one, other, *factors)
+
+
+def mix_energies(bank: FieldBank, mix: RowMix, rows: slice = slice(None)) -> tuple[ImageArray, ImageArray]:
+    """Give ``rows`` of two independent images of energies of mean 1.
+
+    Each rotation makes two fields of two, so that the second field's energy is what the first leaves of the two rows'
+    energies.
+    """
+    one, other = mix.one[rows], mix.other[rows]
+    field, added = bank.field.take(one, axis=0), bank.field.take(other, axis=0)
+    field *= mix.share[rows]
+    field += mix.turn_real[rows] * added
+    added *= mix.turn_imaginary[rows]
+    field[:, 0] -= added[:, 1]
+    field[:, 1] += added[:, 0]
+    field *= field
+    energy = field[:, 0] + field[:, 1]
+    rest = bank.energy.take(one, axis=0)
+    rest += bank.energy.take(other, axis=0)
+    rest -= energy
+    return energy, np.maximum(rest, 0, out=rest)
