@@ -48,7 +48,7 @@ SHOWN = (
 
 
 def imitate_sonar(model: SonarModel) -> ImagingSonar:
-    """Give the simulated Oculus the grid of a recorded one, and the noise and speckle measured in the README's ping."""
+    """Give the simulated Oculus a recorded one's grid, the noise fitted to the README's ping, and full speckle."""
     preset, edges_m = find_preset("oculus_m1200d_high"), model.range_edges_m
     grid = {
         "name": f"simulated {model.name}",
