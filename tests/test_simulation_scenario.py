@@ -202,8 +202,8 @@ def test_sonar_is_the_main_agents_and_others_are_told_of(tmp_path: Path) -> None
 def test_noise_is_that_of_holooceans_formula(tmp_path: Path) -> None:
     """Drawn by its own words: echo x (0.5 + normal) + Rayleigh x (range / RangeMax)^2 where noise is scaled."""
     rng = np.random.default_rng(0)
-    keys: dict[str, Any] = {"RangeBins": 400, "AzimuthBins": 256, "AddSigma": 0.08, "MultSigma": 0.1, "ScaleNoise": True}
-    sonar = read_scenario(_write(tmp_path / "a.json", **keys)).sonar
+    keys: dict[str, Any] = {"RangeBins": 400, "AzimuthBins": 256, "AddSigma": 0.08, "MultSigma": 0.1}
+    sonar = read_scenario(_write(tmp_path / "a.json", ScaleNoise=True, **keys)).sonar
     model = make_sonar_model(sonar)
     theirs = 0.4 * (0.5 + 0.1 * rng.standard_normal(model.shape))
     quiet = sonar.model_copy(update={"add_sigma": 0.0})

@@ -1,7 +1,8 @@
 """Sonars that can be asked for by name.
 
-Apertures, beam counts, beam widths and frequencies are the makers' data-sheet values; ranges and rates are those of
-everyday work within what the sheets allow, and the number of rows follows. How beams are spaced is said at each.
+Apertures, beam counts, beam widths and frequencies are the makers' values, from the sources named at each; ranges and
+rates are those of everyday work within what the makers allow, and the number of rows follows. How beams are spaced is
+said at each. Noise and echo strength are the simulator's defaults unless a fit is named.
 """
 
 import numpy as np
@@ -35,7 +36,8 @@ def _table(bearings_deg: FloatArray) -> tuple[float, ...]:
 
 
 PRESETS: dict[str, ImagingSonar] = {
-    # Blueprint Subsea M750d, 1.2 MHz: 70 x 12 deg, 0.6 deg. Good for boulders and piles from 2 to 6 m.
+    # Source: Blueprint Subsea, "Oculus M-Series" data sheet, M750d at 1.2 MHz: 70 x 12 deg, 0.6 deg, 0.1 to 40 m, up to
+    # 40 Hz. 256 beams are what it sends unless it is asked for 512. Good for boulders and piles from 2 to 6 m.
     "oculus_m750d_high": ImagingSonar(
         name="Oculus M750d 1.2 MHz",
         range_min=0.5,
@@ -48,7 +50,7 @@ PRESETS: dict[str, ImagingSonar] = {
         beam_width_deg=0.6,
         rate_hz=5.0,
     ),
-    # Blueprint Subsea M750d, 750 kHz: 130 x 20 deg, 1 deg. A wide look for navigation.
+    # Source: the same sheet, M750d at 750 kHz: 130 x 20 deg, 1 deg, 0.1 to 120 m. A wide look for navigation.
     "oculus_m750d_low": ImagingSonar(
         name="Oculus M750d 750 kHz",
         range_min=0.5,
@@ -62,8 +64,8 @@ PRESETS: dict[str, ImagingSonar] = {
         azimuth_edge_db=-8.0,
         rate_hz=5.0,
     ),
-    # Blueprint Subsea M1200d, 2.1 MHz: 60 x 12 deg, 0.4 deg, 512 beams, 10 m at most. Close inspection.
-    # The noise's growth with range is that of recordings in a test tank.
+    # Source: the same sheet, M1200d at 2.1 MHz: 60 x 12 deg, 0.4 deg, 512 beams, 0.1 to 10 m, up to 40 Hz. Close
+    # inspection. The noise's growth with range is that of recordings in a test tank.
     "oculus_m1200d_high": ImagingSonar(
         name="Oculus M1200d 2.1 MHz",
         range_min=0.2,
@@ -79,7 +81,7 @@ PRESETS: dict[str, ImagingSonar] = {
         noise_range_exponent=0.8,
         rate_hz=10.0,
     ),
-    # Blueprint Subsea M1200d, 1.2 MHz: 130 x 20 deg, 0.6 deg, 512 beams.
+    # Source: the same sheet, M1200d at 1.2 MHz: 130 x 20 deg, 0.6 deg, 512 beams, 0.1 to 40 m.
     "oculus_m1200d_low": ImagingSonar(
         name="Oculus M1200d 1.2 MHz",
         range_min=0.3,
@@ -94,8 +96,9 @@ PRESETS: dict[str, ImagingSonar] = {
         azimuth_edge_db=-8.0,
         rate_hz=10.0,
     ),
-    # Sound Metrics DIDSON 300 m, 1.8 MHz: 29 x 14 deg, 96 beams of 0.3 deg through an acoustic lens, 512 rows.
-    # The noise is a maximum-likelihood fit (range zones x beams) to 116 recorded pings of empty water.
+    # Sources: Sound Metrics, "DIDSON 300 m" specification and "SONAR 101: DIDSON resolution", identification mode at
+    # 1.8 MHz: 29 x 14 deg, 96 beams of 0.3 deg through an acoustic lens, 512 rows, 4 to 21 Hz. A window of 9 m from
+    # 2.25 m. The noise is what tools/fit_noise.py finds in 116 recorded pings of empty water with those settings.
     "didson": ImagingSonar(
         name="DIDSON 300 m 1.8 MHz",
         range_min=2.25,
@@ -108,14 +111,15 @@ PRESETS: dict[str, ImagingSonar] = {
         beam_width_deg=0.3,
         independent_beams=True,
         side_lobe_db=-26.0,
-        add_sigma=0.0321,
-        near_sigma=0.0681,
-        near_exponent=1.22,
-        threshold=0.0477,
-        azimuth_edge_db=-19.0,
+        add_sigma=0.0320,
+        near_sigma=0.0688,
+        near_exponent=1.21,
+        threshold=0.0478,
+        azimuth_edge_db=-14.5,
         rate_hz=5.0,
     ),
-    # Sound Metrics ARIS Explorer 3000, 3 MHz: 30 x 14 deg, 128 beams of 0.25 deg through an acoustic lens. Up to 5 m.
+    # Sources: Sound Metrics, "ARIS Explorer 3000" data sheet, identification mode at 3 MHz: 30 x 14 deg, 128 beams
+    # every 0.25 deg through an acoustic lens, 0.7 to 5 m, up to 15 Hz; and its table of beam centres for that lens.
     "aris_3000": ImagingSonar(
         name="ARIS Explorer 3000 3 MHz",
         range_min=0.7,
@@ -129,7 +133,8 @@ PRESETS: dict[str, ImagingSonar] = {
         independent_beams=True,
         rate_hz=8.0,
     ),
-    # Teledyne BlueView P900-130, 900 kHz: 130 x 20 deg, 768 beams of 1 deg every 0.17 deg, rows of 2.5 cm.
+    # Source: Teledyne BlueView, "P900 Series 2D Imaging Sonar" data sheet, P900-130 at 900 kHz: 130 x 20 deg, 768 beams
+    # of 1 deg every 0.18 deg, rows of 2.54 cm, 2 to 60 m, up to 25 Hz. The P900-45 is its middle 45 deg.
     "blueview_p900": ImagingSonar(
         name="BlueView P900-130",
         range_min=0.5,
@@ -143,7 +148,7 @@ PRESETS: dict[str, ImagingSonar] = {
         azimuth_edge_db=-8.0,
         rate_hz=5.0,
     ),
-    # HoloOcean's ImagingSonar as it is without a configuration: even beams, no noise.
+    # Source: HoloOcean's documentation of ImagingSonar, without a configuration: even beams, no noise.
     "holoocean": ImagingSonar(
         name="HoloOcean ImagingSonar",
         range_min=0.1,
