@@ -80,6 +80,7 @@ FAULTS: list[tuple[str, tuple[str, ...], str | None, str]] = [
     ("hull", ("--motion", "data.tum"), f"0 0 0 1.5 {LEVEL}\n", "scene hull: at frame 0 .* is inside an object"),
     ("ball.ply", ("--frames", "0"), None, "expected at least one frame to simulate, found 0"),
     ("ball.ply", ("--frames", "-3"), None, "expected at least one frame to simulate, found -3"),
+    ("ball.ply", ("--frames", "1000000000"), None, "expected 1000000 frames to simulate at most, found 1000000000"),
     ("ball.ply", ("--frames", "1.5"), None, "'--frames'"),
     ("ball.ply", ("--seed", "-1"), None, "expected a seed of zero or more, found -1"),
     ("ball.ply", ("--format", "rosbag"), None, "unknown format 'rosbag' to write; known: native, holoocean"),

@@ -26,6 +26,8 @@ SENSOR_NOISE = SensorNoise(0.02, float(np.deg2rad(0.3)), 0.01, float(np.deg2rad(
 """A DVL with a gyro, a pressure cell and an attitude sensor, a step between frames."""
 
 SLOW_DRIFT = SlowDrift()
+MAX_FRAMES = 1_000_000
+"""All poses are worked out before the first frame: more would not fit into a laptop's memory."""
 
 _SCENE, _MOTION, _ODOMETRY, _NAVIGATION, _FRAMES = range(5)
 """Each use of chance has a stream of its own, so that none depends on what was drawn before it."""
@@ -65,11 +67,13 @@ def simulate(
         vehicle_from_sonar: (4, 4) lever arm; the scenario's, or none, where not given.
 
     Raises:
-        AsfmError: an unknown name, a file that cannot be read, a sonar inside an object, fewer than one frame, a
-            negative seed.
+        AsfmError: an unknown name, a file that cannot be read, a sonar inside an object, fewer than one frame or
+            more than a million, a negative seed.
     """
     if frame_count < 1:
         raise AsfmError(f"expected at least one frame to simulate, found {frame_count}")
+    if frame_count > MAX_FRAMES:
+        raise AsfmError(f"expected {MAX_FRAMES} frames to simulate at most, found {frame_count}")
     if seed < 0:
         raise AsfmError(f"expected a seed of zero or more, found {seed}")
     scenario = find_sonar(preset)
