@@ -30,12 +30,26 @@ class Echoes:
 
     row: ImageArray
     """(E,) fractional row."""
-    column: IntArray
-    """(E,) beam."""
     power: ImageArray
     """(E,) share of the pixel's echo density."""
-    elevation_rad: ImageArray
-    """(E,)"""
+    fan: RayFan
+    """The N rays, whose echoes come first."""
+    part_ray: IntArray
+    """(E - N,) ray of each part of a long footprint; the parts follow after the rays."""
+    part_place: ImageArray
+    """(E - N,) where in its footprint the part lies, -0.5..0.5."""
+
+    @property
+    def column(self) -> IntArray:
+        """(E,) beam."""
+        return _append(self.fan.column, self.part_ray)
+
+    @property
+    def elevation_rad(self) -> ImageArray:
+        """(E,)"""
+        elevation_rad = _append(self.fan.elevation_rad, self.part_ray)
+        elevation_rad[len(self.fan.column) :] += self.part_place * np.float32(self.fan.elevation_step_rad)
+        return elevation_rad
 
 
 def trace_echoes(hits: Hits, fan: RayFan, strength: EchoStrength, model: SonarModel) -> Echoes:
@@ -53,7 +67,7 @@ def trace_echoes(hits: Hits, fan: RayFan, strength: EchoStrength, model: SonarMo
     row = hits.range_m - np.float32(model.range_edges_m[0])
     row *= np.float32(1 / model.range_step_m)
     power = measure_strength(hits, facing, strength)
-    return _split(Echoes(row, fan.column, power, fan.elevation_rad), extent, fan.elevation_step_rad)
+    return _split(row, power, extent, fan)
 
 
 def delay_echoes(echoes: Echoes, delay_rows: float, rng: np.random.Generator) -> Echoes:
@@ -62,25 +76,20 @@ def delay_echoes(echoes: Echoes, delay_rows: float, rng: np.random.Generator) ->
     return replace(echoes, row=echoes.row + late)
 
 
-def _split(echoes: Echoes, extent: ImageArray, step_rad: float) -> Echoes:
-    """Split echoes of faces so oblique that one ray's footprint covers several rows."""
+def _split(row: ImageArray, power: ImageArray, extent: ImageArray, fan: RayFan) -> Echoes:
+    """Split echoes of faces so oblique that one ray's footprint covers several rows; ``power`` is overwritten."""
     wide = np.flatnonzero(np.abs(extent) > 1)
     if not len(wide):
-        return echoes
+        return Echoes(row, power, fan, wide, np.empty(0, dtype=np.float32))
     reach = extent.take(wide)
     np.clip(reach, -MAX_PARTS, MAX_PARTS, out=reach)
     parts = np.ceil(np.abs(reach)).astype(np.intp)
-    origin, place = np.repeat(wide, parts), _place_parts(parts)
-    row, column, elevation_rad = (
-        _append(values, origin) for values in (echoes.row, echoes.column, echoes.elevation_rad)
-    )
-    shared = echoes.power.copy()
-    shared[wide] /= parts
-    power = _append(shared, origin)
-    power[wide] = 0  # the whole gives way to its parts
+    ray, place = np.repeat(wide, parts), _place_parts(parts)
+    power[wide] /= parts
+    row, power = _append(row, ray), _append(power, ray)
     row[len(extent) :] += np.repeat(reach, parts) * place
-    elevation_rad[len(extent) :] += place * np.float32(step_rad)
-    return Echoes(row, column, power, elevation_rad)
+    power[wide] = 0  # the whole gives way to its parts
+    return Echoes(row, power, fan, ray, place)
 
 
 def _place_parts(parts: IntArray) -> ImageArray:

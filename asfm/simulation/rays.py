@@ -47,15 +47,15 @@ class Hits:
     """What each of N rays struck first, as Embree tells it; vectors have the world's directions."""
 
     origin_m: ImageArray
-    """(N, 3) relative to the scene's middle; (1, 3) where all rays start from one place."""
+    """(3, N) relative to the scene's middle; (3, 1) where all rays start from one place."""
     ahead: ImageArray
-    """(N, 3) unit vectors along the rays."""
+    """(3, N) unit vectors along the rays."""
     up: ImageArray
     """(3,) the sonar's z axis."""
     range_m: ImageArray
     """(N,), the farthest range where nothing was struck."""
     normal: ImageArray
-    """(N, 3) outward normals of the faces, of any length; zero where nothing was struck."""
+    """(3, N) outward normals of the faces, of any length; zero where nothing was struck."""
     face: NDArray[np.int32]
     """(N,) index of the face, -1 where nothing was struck."""
 
@@ -65,19 +65,19 @@ class Hits:
         return measure_incidence(self)[0]
 
     def part(self, rays: slice) -> "Hits":
-        """Give some of the hits, without copying them."""
-        origin_m = self.origin_m if len(self.origin_m) == 1 else self.origin_m[rays]
-        return Hits(origin_m, self.ahead[rays], self.up, self.range_m[rays], self.normal[rays], self.face[rays])
+        """Give some of the hits, each coordinate by itself in memory: Embree's vectors lie one after another."""
+        origin_m = self.origin_m if self.origin_m.shape[1] == 1 else self.origin_m[:, rays]
+        ahead, normal = np.ascontiguousarray(self.ahead[:, rays]), np.ascontiguousarray(self.normal[:, rays])
+        return Hits(origin_m, ahead, self.up, self.range_m[rays], normal, self.face[rays])
 
 
 def measure_incidence(hits: Hits) -> tuple[ImageArray, ImageArray]:
     """Give the cosines between outward normal and ray, and between outward normal and the sonar's z axis: (N,) each."""
-    normal = np.ascontiguousarray(hits.normal.T)
-    unit = _dot(normal, normal)
+    unit = _dot(hits.normal, hits.normal)
     unit += np.float32(1e-30)
     np.sqrt(unit, out=unit)
     np.divide(1, unit, out=unit)
-    toward, upward = _dot(normal, np.ascontiguousarray(hits.ahead.T)), _dot(normal, hits.up)
+    toward, upward = _dot(hits.normal, hits.ahead), _dot(hits.normal, hits.up)
     toward *= unit
     upward *= unit
     return toward, upward
@@ -159,7 +159,7 @@ class RayCaster:
             farthest_m: how far to look.
         """
         rotation = world_from_sonar[:3, :3].astype(np.float32)
-        origin = (world_from_sonar[:3, 3] - self.centre_m).astype(np.float32)[None]
+        origin = (world_from_sonar[:3, 3] - self.centre_m).astype(np.float32)[:, None]
         return self._follow(origin, aim_rays(rotation, direction), rotation[:, 2], farthest_m)
 
     def bounce(self, hits: Hits, farthest_m: float) -> Hits:
@@ -167,18 +167,21 @@ class RayCaster:
 
         Ranges run on from the first hit; rays that strike nothing again end at the farthest range.
         """
-        length = np.vecdot(hits.normal, hits.normal) + np.float32(1e-30)
-        ahead = hits.ahead - (2 * np.vecdot(hits.normal, hits.ahead) / length)[:, None] * hits.normal
-        start = hits.origin_m + hits.range_m[:, None] * hits.ahead + np.float32(BOUNCE_GAP_M) * ahead
-        again = self._follow(start, ahead, hits.up, farthest_m)
+        twice = _dot(hits.normal, hits.ahead) * np.float32(2)
+        twice /= _dot(hits.normal, hits.normal) + np.float32(1e-30)
+        ahead: ImageArray = hits.ahead - twice * hits.normal
+        start: ImageArray = hits.origin_m + hits.range_m * hits.ahead
+        start += np.float32(BOUNCE_GAP_M) * ahead
+        again = self._follow(start, np.ascontiguousarray(ahead.T), hits.up, farthest_m)
         face = np.where(hits.face < 0, np.int32(-1), again.face)
         range_m = np.where(face < 0, np.float32(farthest_m), hits.range_m + again.range_m)
         # The mirror image of the sonar, from which a ray of the whole range leads to the second surface.
-        return replace(again, origin_m=start - hits.range_m[:, None] * ahead, range_m=range_m, face=face)
+        return replace(again, origin_m=start - hits.range_m * ahead, range_m=range_m, face=face)
 
     def _follow(self, origin_m: ImageArray, ahead: ImageArray, up: ImageArray, farthest_m: float) -> Hits:
-        found = self.shoot(np.broadcast_to(origin_m, ahead.shape), ahead, farthest_m)
-        return Hits(origin_m, ahead, up, found["tfar"], found["Ng"], found["primID"])
+        """Run Embree for origins of (3, 1) or (3, N) and directions of (N, 3)."""
+        found = self.shoot(np.broadcast_to(origin_m.T, ahead.shape), ahead, farthest_m)
+        return Hits(origin_m, ahead.T, up, found["tfar"], found["Ng"].T, found["primID"])
 
     def shoot(self, origin: ImageArray, direction: ImageArray, farthest_m: float) -> dict[str, NDArray[Any]]:
         """Run Embree and nothing else: (N, 3) origins and directions, relative to the scene's middle."""

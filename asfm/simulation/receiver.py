@@ -14,6 +14,8 @@ from asfm.types import FloatArray, ImageArray
 FWHM_PER_SIGMA = 2.354820045
 BAND_ROWS = 100
 """So many rows get their noise at once: their numbers stay in the processor's cache."""
+LONE_PRODUCT = 1 << 18
+"""Multiplications up to which OpenBLAS works on the calling thread; a frame must not wake others."""
 SPECKLED = np.float32(0.002)
 """Image value, half a count of eight bits, below which speckle cannot be seen."""
 
@@ -26,6 +28,8 @@ class PointSpread:
     """(2 k + 1,) weights over the rows, of sum 1."""
     lobe: ImageArray
     """(2 m + 1, beams) share that an echo in each beam leaves in the beams m before to m after it; columns of sum 1."""
+    share: ImageArray
+    """(beams, beams) the same as a matrix: the share that beam i has of an echo in beam j."""
     side_lobes: tuple[tuple[int, float], ...]
     """(half-width in beams, power a beam) of the boxes whose sum is the envelope of the side lobes."""
     cross_talk: float
@@ -38,9 +42,11 @@ def make_point_spread(sonar: ImagingSonar, model: SonarModel) -> PointSpread:
     reach = max(1, int(np.ceil(3 * sigma_rows)))
     pulse = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma_rows) ** 2)
     width = np.deg2rad(sonar.beam_width_deg) if sonar.beam_width_deg else model.bearing_step_rad
+    lobe = _main_lobe(model.bearing_rad, width).astype(np.float32)
     return PointSpread(
         (pulse / pulse.sum()).astype(np.float32),
-        _main_lobe(model.bearing_rad, width).astype(np.float32),
+        lobe,
+        _lobe_matrix(lobe),
         _side_lobes(sonar.side_lobe_db, width / model.bearing_step_rad, len(model.bearing_rad)),
         10 ** (sonar.cross_talk_db / 10),
     )
@@ -56,6 +62,14 @@ def _main_lobe(bearing_rad: FloatArray, width_rad: float) -> FloatArray:
     return np.asarray(lobe / lobe.sum(axis=0))
 
 
+def _lobe_matrix(lobe: ImageArray) -> ImageArray:
+    reach, beams = len(lobe) // 2, lobe.shape[1]
+    padded = np.zeros((beams + 2 * reach, beams), dtype=np.float32)
+    for shift, weight in enumerate(lobe):
+        padded[np.arange(beams) + shift, np.arange(beams)] = weight
+    return padded[reach : reach + beams]
+
+
 def _side_lobes(level_db: float, width_beams: float, beams: int) -> tuple[tuple[int, float], ...]:
     """Stack boxes, an octave apart, into an envelope that falls by 6 dB an octave from the first side lobe on."""
     level = 10 ** (level_db / 10) / max(1.06 * width_beams, 1.0)  # relative to the peak of a lobe of sum 1
@@ -68,29 +82,22 @@ def _side_lobes(level_db: float, width_beams: float, beams: int) -> tuple[tuple[
 
 def spread_ranges(power: ImageArray, spread: PointSpread) -> ImageArray:
     """Smear a (beams, ranges) image of power along ranges by the pulse."""
-    reach, (beams, rows) = len(spread.pulse) // 2, power.shape
-    padded = np.zeros((beams, rows + 2 * reach), dtype=np.float32)
-    padded[:, reach : reach + rows] = power
-    smeared: ImageArray = spread.pulse[0] * padded[:, :rows]
-    share = np.empty_like(smeared)
-    for tap, weight in enumerate(spread.pulse[1:], start=1):
-        smeared += np.multiply(weight, padded[:, tap : tap + rows], out=share)
-    return smeared
+    import cv2
+
+    alone = np.ones(1, dtype=np.float32)
+    return np.asarray(cv2.sepFilter2D(power, -1, spread.pulse, alone, borderType=cv2.BORDER_CONSTANT), dtype=np.float32)
 
 
 def spread_beams(power: ImageArray, spread: PointSpread, some: slice = slice(None)) -> ImageArray:
     """Smear a (beams, ranges) image of power along beams by the main lobe; give ``some`` of the beams."""
     first, last, _ = some.indices(len(power))
     reach = len(spread.lobe) // 2
-    smeared = np.zeros((last - first, power.shape[1]), dtype=np.float32)
-    share = np.empty_like(smeared)
-    for shift, weight in enumerate(spread.lobe, start=-reach):  # from beam i to beam i + shift
-        begin, end = max(first, shift), min(last, len(power) + shift)
-        if end <= begin:
-            continue
-        heard = share[: end - begin]
-        np.multiply(weight[begin - shift : end - shift, None], power[begin - shift : end - shift], out=heard)
-        smeared[begin - first : end - first] += heard
+    near = slice(max(first - reach, 0), last + reach)
+    share = spread.share[first:last, near]
+    smeared = np.empty((last - first, power.shape[1]), dtype=np.float32)
+    width = max(1, LONE_PRODUCT // share.size)
+    for row in range(0, power.shape[1], width):
+        np.matmul(share, power[near, row : row + width], out=smeared[:, row : row + width])
     return smeared
 
 

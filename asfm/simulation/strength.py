@@ -109,8 +109,8 @@ def _grain_number(hits: Hits) -> NDArray[np.int32]:
     """Hash the cube of space in which each ray ends to 0..65535."""
     number = np.zeros(len(hits.range_m), dtype=np.int32)
     for axis, factor in enumerate(HASH):
-        place = hits.ahead[:, axis] * hits.range_m
-        place += hits.origin_m[:, axis]
+        place = hits.ahead[axis] * hits.range_m
+        place += hits.origin_m[axis]
         place *= np.float32(1 / GRAIN_M)
         place += np.float32(1 << 14)  # makes all numbers positive, so that cutting off the fraction is rounding down
         cell = place.astype(np.int32)
