@@ -130,10 +130,14 @@ def view(results: Annotated[Path, typer.Argument(help="Folder that asfm run wrot
 
 @app.command()
 def simulate(
-    scene: Annotated[
-        str, typer.Argument(metavar="SCENE", help="seafloor, pier, hull ...; a wrong name lists them all.")
-    ],
     output: Annotated[Path, typer.Option(help="Folder for the sequence.")],
+    scene: Annotated[
+        str | None,
+        typer.Argument(metavar="SCENE", help="seafloor, pier, hull ..., a wrong name lists them all; or a mesh file."),
+    ] = None,
+    scene_option: Annotated[
+        str | None, typer.Option("--scene", help="The same, as an option.", metavar="SCENE")
+    ] = None,
     sonar: Annotated[str, typer.Option(help="A wrong name lists them all.")] = "oculus_m750d_high",
     frames: Annotated[int, typer.Option(help="How many.")] = 80,
     seed: Annotated[int, typer.Option(help="The same seed gives the same bytes.")] = 0,
@@ -146,9 +150,15 @@ def simulate(
     """Simulate a sequence with its truth."""
     from asfm.commands import simulate_to
 
+    if (scene is None) == (scene_option is None):
+        raise AsfmError("expected one scene, for example: asfm simulate seafloor --output scene")
+    scene = scene or scene_option or ""
+
     with _show_progress() as progress:
         simulated = simulate_to(scene, output, sonar, frames, seed, overwrite, progress, motion, format_name)
-    typer.echo(f"{len(simulated)} frames in {output}; reconstruct them with: asfm run {output} --output results")
+    typer.echo(
+        f"{_count(len(simulated), 'frame')} in {output}; reconstruct them with: asfm run {output} --output results"
+    )
     _warn(simulated.warnings)
 
 
@@ -163,7 +173,7 @@ def convert(
 
     with _show_progress() as progress:
         converted = convert_sequence(sequence, output, overwrite, progress)
-    typer.echo(f"{len(converted)} frames in {output}")
+    typer.echo(f"{_count(len(converted), 'frame')} in {output}")
 
 
 @app.command()
@@ -191,6 +201,10 @@ def _show_version(asked: bool) -> None:
 def _say(lines: Iterable[str]) -> None:
     for line in lines:
         typer.echo(line)
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def _warn(warnings: Iterable[str]) -> None:

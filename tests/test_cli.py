@@ -205,6 +205,14 @@ def test_simulate_writes_a_sequence_with_truth(tmp_path: Path, capsys: Any) -> N
     assert len(open_sequence(tmp_path / "a")) == 1
 
 
+def test_simulate_takes_its_scene_as_an_option_too(tmp_path: Path, capsys: Any) -> None:
+    text = ask(capsys, "simulate", "--scene", "tank", "--output", tmp_path / "a", "--frames", "1")
+    assert text.startswith("1 frame in")
+    for both in (["tank", "--scene", "pier"], []):
+        assert run_command_line(["simulate", *both, "--output", str(tmp_path / "b")]) == 2
+        assert "expected one scene" in capsys.readouterr().err
+
+
 def test_simulate_follows_a_motion_or_a_path(demo_folder: Path, tmp_path: Path, capsys: Any) -> None:
     still, along = tmp_path / "still", tmp_path / "along"
     ask(capsys, "simulate", "seafloor", "--output", still, "--frames", "2", "--motion", "static")
