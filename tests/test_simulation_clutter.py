@@ -109,3 +109,10 @@ def test_grain_keeps_the_mean_echo() -> None:
     smooth, rough = (make_renderer(scene, SONAR, EYE[None]) for scene in (plate, replace(plate, grain=0.5)))
     power = [renderer.measure_power(renderer.trace(renderer.cast(EYE))).sum() for renderer in (smooth, rough)]
     assert power[1] == pytest.approx(power[0], rel=0.02)
+
+
+def test_sectors_join_without_a_seam() -> None:
+    """The image is traced sector by sector, the truth at once; without noise and side lobes they are the same."""
+    renderer = make_renderer(_mirror_and_ball(), SONAR, EYE[None])
+    assert [sector.beams.stop - sector.beams.start for sector in renderer.sectors] == [93, 3]
+    assert np.abs(_render(renderer) - renderer.render_truth(renderer.cast(EYE)).clean).max() < 1e-4
