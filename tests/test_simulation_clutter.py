@@ -40,7 +40,7 @@ def _mirror_and_ball() -> Scene:
 
 
 def _render(renderer: Renderer) -> ImageArray:
-    return renderer.render(EYE, renderer.cast(EYE), np.random.default_rng(0))
+    return renderer.render(renderer.cast(EYE), np.random.default_rng(0))
 
 
 def test_second_bounce_shows_a_ghost_behind_the_mirror() -> None:

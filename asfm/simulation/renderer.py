@@ -84,10 +84,10 @@ class Renderer:
         value *= np.float32(-self.gain)
         return np.negative(np.expm1(value, out=value), out=value)
 
-    def render(self, world_from_sonar: FloatArray, hits: Hits, rng: np.random.Generator) -> ImageArray:
+    def render(self, hits: Hits, rng: np.random.Generator) -> ImageArray:
         """Give the (ranges, beams) image that the sonar records: echoes, side lobes, second bounces, noise.
 
-        ``hits`` is what :meth:`cast` found from that pose.
+        ``hits`` is what :meth:`cast` found from the pose of the ping.
         """
         ghosts = self.caster.bounce(hits, self.sonar.range_max) if self.sonar.multi_path else None
         with TURN:

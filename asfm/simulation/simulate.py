@@ -141,7 +141,7 @@ def simulate_path(
         return renderer.cast(poses[index])
 
     def read_frame(index: int) -> Frame:
-        image = renderer.render(poses[index], cast(index), _generator(seed, _FRAMES, index))
+        image = renderer.render(cast(index), _generator(seed, _FRAMES, index))
         return Frame(index, float(path.timestamps_s[index]), image, np.zeros(image.shape, dtype=bool))
 
     sequence = Sequence(
