@@ -25,7 +25,16 @@ class CfarConfig(Section):
     guard_px: tuple[int, int] = (4, 4)
     """Half-size (rows, columns) of the guard window around the cell under test."""
     reference_px: tuple[int, int] = (16, 12)
-    """Half-size (rows, columns) of the reference window; larger than the guard window in one of the two at least."""
+    """Half-size (rows, columns) of the reference window; larger than the guard window in one of the two at least. No
+    columns in both make the windows one-dimensional, along range."""
+    method: Literal["ca", "goca", "soca", "os"] = "ca"
+    """Statistic of the reference cells: their mean, the greater or the smaller mean of the nearer and the farther ones,
+    or the cell of a certain rank."""
+    noise: Literal["rayleigh", "exponential", "weibull"] = "rayleigh"
+    """What empty water looks like in the image: amplitude, power, or a power of them that each image tells of itself,
+    for recordings that were compressed nobody knows how."""
+    order_fraction: float = Field(default=0.75, gt=0, le=1)
+    """Rank that the method "os" takes, as a share of the reference cells."""
 
     @model_validator(mode="after")
     def _check_windows(self) -> "CfarConfig":

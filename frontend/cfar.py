@@ -4,38 +4,32 @@ A cell is detected where its power exceeds factor * statistic of its reference c
 of exponential power, as the noise of a coherent sonar has, exceed it with the asked probability.
 """
 
-from typing import Literal, get_args
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 from asfm.config import CfarConfig
 from asfm.errors import AsfmError
+from asfm.frontend.speckle import make_exponential
 from asfm.frontend.threshold_factors import average_factors, look_up_halves, order_factors, order_ranks
-from asfm.frontend.windows import as_counts, clip_half, count_ring_below, sum_halves, sum_ring
+from asfm.frontend.windows import clip_half, count_halves, count_ring, count_ring_below, sum_halves, sum_ring
 from asfm.types import BoolArray, FloatArray
 
-Method = Literal["ca", "goca", "soca", "os"]
-Noise = Literal["rayleigh", "exponential"]
 Power = NDArray[np.float32]
 
+MIN_FLOOR_SHARE = 0.01
+"""Share of pixels at the image's least value from which on it is where noise was cut off, not the noise's own least."""
 
-def detect_cfar(
-    image: NDArray[np.number],
-    valid: BoolArray,
-    config: CfarConfig,
-    *,
-    method: Method = "ca",
-    noise: Noise = "rayleigh",
-    order_fraction: float = 0.75,
-) -> BoolArray:
+
+def detect_cfar(image: NDArray[np.number], valid: BoolArray, config: CfarConfig) -> BoolArray:
     """Mark the pixels that stand out from their surroundings further than noise does.
 
     The reference cells are the window of half-size ``reference_px`` without the one of half-size ``guard_px``; only
     valid cells inside the image count, and the factor is the one for as many as there are. Without any the cell is not
     detected. A window of no columns is one-dimensional along range.
 
-    Methods:
+    Methods (``config.method``):
         ca: the mean of all reference cells (Finn and Johnson 1968); best in even noise.
         goca: the greater of the means of the nearer and of the farther rows (Hansen 1973); fewer false alarms where
             the noise steps up.
@@ -43,52 +37,89 @@ def detect_cfar(
         os: the cell of rank ``order_fraction`` * n (Rohling 1983); holds out against several targets, at some ten
             times the time.
 
+    Noise (``config.noise``):
+        rayleigh: amplitude, squared to get its power.
+        exponential: power.
+        weibull: either of them to an unknown power, which is estimated (see ``speckle``). Pixels at the image's least
+            value, where they are many, are noise that was cut off: they tell how often noise exceeds zero, and no more.
+
     Args:
         image: (ranges, beams) 0 or more, in any unit; what is not finite counts as invalid.
         valid: (ranges, beams) false where the pixel holds no data; such a pixel is never detected.
-        config: probability and windows.
-        method: statistic of the reference cells.
-        noise: what the image's noise is like: "rayleigh" amplitude, squared to get its power, or "exponential" power.
-        order_fraction: rank that ``os`` uses, over 0 to 1.
+        config: method, noise, probability and windows.
 
     Returns:
         (ranges, beams) true where detected.
 
     Raises:
-        AsfmError: the shapes disagree, there is no pixel, or a setting is none of ours.
+        AsfmError: the shapes disagree or there is no pixel.
     """
-    _check(image, valid, method, noise, order_fraction)
+    _check(image, valid)
     usable = np.asarray(valid & np.isfinite(image))
-    power = np.asarray(image, dtype=np.float32)
+    values = np.asarray(image, dtype=np.float32)
     if not usable.all():
-        power = np.where(usable, power, np.float32(0))
-    if noise == "rayleigh":
-        power = power * power
+        values = np.where(usable, values, np.float32(0))
+    if config.noise == "weibull":
+        return _detect_of_shape(values, usable, config)
+    power = values * values if config.noise == "rayleigh" else values
+    return np.asarray(_exceeds(power, usable, config, None) & usable)
+
+
+def _detect_of_shape(values: Power, usable: BoolArray, config: CfarConfig) -> BoolArray:
+    """Detect in noise of unknown shape, from which the least values may have been cut off."""
+    everywhere = bool(usable.all())
+    floor = (values if everywhere else np.where(usable, values, np.float32(np.inf))).min()
+    above = values > floor if everywhere else usable & (values > floor)
+    if np.count_nonzero(above) > (1 - MIN_FLOOR_SHARE) * np.count_nonzero(usable):
+        return np.asarray(_exceeds(make_exponential(values, usable), usable, config, None) & usable)
+    relief = _relieve(above, usable, config)
+    detected = _exceeds(make_exponential(values, above), above, config, relief) | (relief <= 0)
+    return np.asarray(detected & above)
+
+
+def _relieve(above: BoolArray, usable: BoolArray, config: CfarConfig) -> Power:
+    """Find what the factors shrink to where only the share q of the reference cells is above the floor. (R, B).
+
+    The asked probability P is that of a cell of any value, so among those above the floor it is P / q. Factors grow as
+    its logarithm, but for few cells. Where q is P or less, every cell above the floor is rare enough.
+    """
+    counts = [count_ring(mask, config.reference_px, config.guard_px) for mask in (above, usable)]
+    with np.errstate(divide="ignore"):
+        logarithm = np.log(np.arange(counts[1].max() + 1)).astype(np.float32)
+        logarithm[0] = -np.inf
+        share = logarithm.take(counts[0]) - logarithm.take(counts[1])
+    relief = np.maximum(1 - share / np.float32(math.log(config.false_alarm_probability)), 0)
+    return np.where(counts[1] > 0, relief, np.float32(1))
+
+
+def _exceeds(power: Power, usable: BoolArray, config: CfarConfig, relief: Power | None) -> BoolArray:
+    """Compare exponential power with factor * statistic, the factor times the relief where there is one."""
     # Without reference cells the factor is infinite and the statistic zero: their product compares false.
-    with np.errstate(invalid="ignore"):
-        if method == "ca":
-            detected = _exceeds_average(power, usable, config)
-        elif method == "os":
-            detected = _exceeds_order(power, usable, config, order_fraction)
-        else:
-            detected = _exceeds_halves(power, usable, config, greatest=method == "goca")
-    return np.asarray(detected & usable)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        if config.method == "ca":
+            return _exceeds_average(power, usable, config, relief)
+        if config.method == "os":
+            return _exceeds_order(power, usable, config, relief)
+        return _exceeds_halves(power, usable, config, relief)
 
 
-def _exceeds_average(power: Power, usable: BoolArray, config: CfarConfig) -> BoolArray:
+def _exceeds_average(power: Power, usable: BoolArray, config: CfarConfig, relief: Power | None) -> BoolArray:
     total = sum_ring(power, config.reference_px, config.guard_px)
-    count = sum_ring(as_counts(usable), config.reference_px, config.guard_px).astype(np.intp)
+    count = count_ring(usable, config.reference_px, config.guard_px)
     counts = np.arange(count.max() + 1)
     sum_factors = average_factors(counts, config.false_alarm_probability) / np.maximum(counts, 1)
-    return np.asarray(power > sum_factors.take(count) * _not_negative(total))
+    limit = sum_factors.take(count) * _not_negative(total)
+    return np.asarray(power > (limit if relief is None else limit * relief))
 
 
-def _exceeds_halves(power: Power, usable: BoolArray, config: CfarConfig, greatest: bool) -> BoolArray:
+def _exceeds_halves(power: Power, usable: BoolArray, config: CfarConfig, relief: Power | None) -> BoolArray:
     sums = sum_halves(power, config.reference_px, config.guard_px)
-    counts = sum_halves(as_counts(usable), config.reference_px, config.guard_px)
+    counts = count_halves(usable, config.reference_px, config.guard_px)
     rows, columns = clip_half(config.reference_px, power.shape)
-    largest = rows * (2 * columns + 1)
+    largest, greatest = rows * (2 * columns + 1), config.method == "goca"
     factor = look_up_halves(*counts, largest, config.false_alarm_probability, greatest)
+    if relief is not None:
+        factor = factor * relief
     means = [_not_negative(total) / np.maximum(count, 1) for total, count in zip(sums, counts, strict=True)]
     if greatest:
         return np.asarray(power > factor * np.maximum(*means))
@@ -97,15 +128,17 @@ def _exceeds_halves(power: Power, usable: BoolArray, config: CfarConfig, greates
     return np.asarray(power > factor * np.minimum(*means))
 
 
-def _exceeds_order(power: Power, usable: BoolArray, config: CfarConfig, order_fraction: float) -> BoolArray:
-    count = sum_ring(as_counts(usable), config.reference_px, config.guard_px).astype(np.intp)
+def _exceeds_order(power: Power, usable: BoolArray, config: CfarConfig, relief: Power | None) -> BoolArray:
+    count = count_ring(usable, config.reference_px, config.guard_px)
     counts = np.arange(count.max() + 1)
-    factors = order_factors(counts, config.false_alarm_probability, order_fraction)
+    factor = order_factors(counts, config.false_alarm_probability, config.order_fraction).take(count)
+    if relief is not None:
+        factor *= relief
     # The cell of rank k lies below the limit where k cells do: nothing has to be sorted.
-    limit = (power / factors.take(count)).astype(np.float32)
+    limit = (power / factor).astype(np.float32)
     reference = power if usable.all() else np.where(usable, power, np.float32(np.inf))
     below = count_ring_below(reference, limit, config.reference_px, config.guard_px)
-    return np.asarray(below >= order_ranks(counts, order_fraction).take(count))
+    return np.asarray(below >= order_ranks(counts, config.order_fraction).take(count))
 
 
 def _not_negative(total: FloatArray) -> FloatArray:
@@ -113,14 +146,9 @@ def _not_negative(total: FloatArray) -> FloatArray:
     return np.maximum(total, 0.0, out=total)
 
 
-def _check(image: NDArray[np.number], valid: BoolArray, method: Method, noise: Noise, order_fraction: float) -> None:
+def _check(image: NDArray[np.number], valid: BoolArray) -> None:
     if image.ndim != 2 or image.shape != valid.shape or image.size == 0:
         raise AsfmError(
             f"CFAR: expected an image (ranges, beams) and a validity mask of its shape, "
             f"found {image.shape} and {valid.shape}"
         )
-    for name, value, known in (("method", method, get_args(Method)), ("noise", noise, get_args(Noise))):
-        if value not in known:
-            raise AsfmError(f"CFAR: expected a {name} of {', '.join(known)}; found {value!r}")
-    if not 0 < order_fraction <= 1:
-        raise AsfmError(f"CFAR: expected an order_fraction over 0 and up to 1, found {order_fraction}")

@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import get_args
+from typing import Any, Literal, get_args
 
 import cv2
 import numpy as np
@@ -12,14 +12,19 @@ from hypothesis import strategies as st
 
 from asfm.config import CfarConfig
 from asfm.errors import AsfmError
-from asfm.frontend.cfar import Method, detect_cfar
+from asfm.frontend.cfar import detect_cfar
 from asfm.frontend.threshold_factors import halves_factors, order_factors, order_ranks
 from asfm.types import BoolArray, ImageArray
 
 CONFIG = CfarConfig(false_alarm_probability=1e-2, guard_px=(4, 4), reference_px=(16, 12))
 
 Cell = tuple[int, int]
+Method = Literal["ca", "goca", "soca", "os"]
 METHODS: tuple[Method, ...] = get_args(Method)
+
+
+def change(config: CfarConfig, **settings: Any) -> CfarConfig:
+    return CfarConfig.model_validate(config.model_dump() | settings)
 
 
 def reference_cells(image: ImageArray, valid: BoolArray, config: CfarConfig, cell: Cell) -> list[tuple[int, float]]:
@@ -76,12 +81,14 @@ def test_detections_are_those_of_a_plain_loop(
     image[rng.random(shape) < 0.1] *= 5
     valid = rng.random(shape) >= invalid_share
     reference_px = (guard_px[0] + wider_px[0], guard_px[1] + wider_px[1])
-    config = CfarConfig(false_alarm_probability=probability, guard_px=guard_px, reference_px=reference_px)
+    config = CfarConfig(
+        false_alarm_probability=probability, guard_px=guard_px, reference_px=reference_px, method=method
+    )
     expected = np.zeros(shape, dtype=bool)
     for cell in np.ndindex(shape):
         limit = threshold(reference_cells(image, valid, config, cell), method, probability)
         expected[cell] = valid[cell] and float(image[cell]) ** 2 > limit
-    np.testing.assert_array_equal(detect_cfar(image, valid, config, method=method), expected)
+    np.testing.assert_array_equal(detect_cfar(image, valid, config), expected)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -95,7 +102,7 @@ def test_false_alarm_rate_on_noise_is_the_asked_one(
     valid = np.ones((800, 600), dtype=bool)
     valid[:, 400:410] = False
     power = rng.exponential(size=valid.shape).astype(np.float32)
-    detected = detect_cfar(np.sqrt(power), valid, config, method=method)
+    detected = detect_cfar(np.sqrt(power), valid, change(config, method=method))
     # A tenth of the asked rate, or what chance allows so few detections: three sigmas.
     tolerance = max(0.1, 3 / np.sqrt(probability * valid.sum()))
     assert detected[valid].mean() == pytest.approx(probability, rel=tolerance)
@@ -103,7 +110,7 @@ def test_false_alarm_rate_on_noise_is_the_asked_one(
     border[10:-10, 10:-10] = False
     assert detected[border].mean() == pytest.approx(probability, rel=4 / np.sqrt(probability * border.sum()))
     assert not detected[~valid].any()
-    same = detect_cfar(power, valid, config, method=method, noise="exponential")
+    same = detect_cfar(power, valid, change(config, method=method, noise="exponential"))
     assert (same != detected).mean() < 1e-5
 
 
@@ -122,7 +129,7 @@ def test_detections_do_not_depend_on_the_unit() -> None:
 @pytest.mark.parametrize("value", [0.0, 0.3, 1.0, 65535.0])
 def test_nothing_stands_out_of_a_constant_image(value: float, method: Method) -> None:
     image = np.full((50, 60), value, dtype=np.float32)
-    assert not detect_cfar(image, np.ones(image.shape, dtype=bool), CONFIG, method=method).any()
+    assert not detect_cfar(image, np.ones(image.shape, dtype=bool), change(CONFIG, method=method)).any()
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -130,7 +137,7 @@ def test_a_bright_target_leaves_no_ghosts_in_the_dark(method: Method) -> None:
     image = np.zeros((120, 120), dtype=np.float32)
     image[40, 40] = 1.0
     image[80, 83] = 1e-4
-    found = np.argwhere(detect_cfar(image, np.ones(image.shape, dtype=bool), CONFIG, method=method))
+    found = np.argwhere(detect_cfar(image, np.ones(image.shape, dtype=bool), change(CONFIG, method=method)))
     np.testing.assert_array_equal(found, [[40, 40], [80, 83]])
 
 
@@ -142,18 +149,18 @@ def test_what_is_not_finite_is_invalid(hole: float, method: Method) -> None:
     valid = rng.random(image.shape) > 0.2
     holed = np.where(valid, image, np.float32(hole))
     everywhere = np.ones(image.shape, dtype=bool)
-    detected = detect_cfar(holed, everywhere, CONFIG, method=method)
-    np.testing.assert_array_equal(detected, detect_cfar(image, valid, CONFIG, method=method))
+    detected = detect_cfar(holed, everywhere, change(CONFIG, method=method))
+    np.testing.assert_array_equal(detected, detect_cfar(image, valid, change(CONFIG, method=method)))
     nothing = np.full((9, 9), hole, dtype=np.float32)
-    assert not detect_cfar(nothing, everywhere[:9, :9], CONFIG, method=method).any()
+    assert not detect_cfar(nothing, everywhere[:9, :9], change(CONFIG, method=method)).any()
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_one_pixel_and_no_valid_pixel_have_no_detections(method: Method) -> None:
     one = np.ones((1, 1), dtype=np.float32)
-    assert not detect_cfar(one, one > 0, CONFIG, method=method).any()
+    assert not detect_cfar(one, one > 0, change(CONFIG, method=method)).any()
     image = np.random.default_rng(0).random((30, 30)).astype(np.float32)
-    assert not detect_cfar(image, np.zeros(image.shape, dtype=bool), CONFIG, method=method).any()
+    assert not detect_cfar(image, np.zeros(image.shape, dtype=bool), change(CONFIG, method=method)).any()
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -164,10 +171,10 @@ def test_windows_larger_than_the_image_see_all_of_it(method: Method) -> None:
         CfarConfig(false_alarm_probability=0.1, guard_px=guard_px, reference_px=reference_px)
         for guard_px, reference_px in [((1, 1), (20, 16)), ((1, 1), (10**6, 10**6)), ((50, 50), (99, 99))]
     )
-    detected = detect_cfar(image, valid, huge, method=method)
+    detected = detect_cfar(image, valid, change(huge, method=method))
     assert detected.any()
-    np.testing.assert_array_equal(detected, detect_cfar(image, valid, large, method=method))
-    assert not detect_cfar(image, valid, all_guard, method=method).any()
+    np.testing.assert_array_equal(detected, detect_cfar(image, valid, change(large, method=method)))
+    assert not detect_cfar(image, valid, change(all_guard, method=method)).any()
 
 
 def test_methods_keep_their_promises() -> None:
@@ -176,12 +183,12 @@ def test_methods_keep_their_promises() -> None:
     image[200:] *= 10
     valid = np.ones(image.shape, dtype=bool)
     edge = slice(200, 212)
-    alarms = {m: detect_cfar(image, valid, CONFIG, method=m)[edge].mean() for m in METHODS}
+    alarms = {m: detect_cfar(image, valid, change(CONFIG, method=m))[edge].mean() for m in METHODS}
     assert alarms["goca"] < 0.3 * alarms["ca"] < alarms["soca"]
     image = rng.rayleigh(size=(100, 100)).astype(np.float32)
     image[40, 20::20] = 6
     image[44:56, 10:90] = 30
-    found = {m: detect_cfar(image, valid[:100], CONFIG, method=m)[40, 20::20].sum() for m in METHODS}
+    found = {m: detect_cfar(image, valid[:100], change(CONFIG, method=m))[40, 20::20].sum() for m in METHODS}
     assert found["goca"] == found["ca"] == 0
     assert found["soca"] == 4
 
@@ -190,13 +197,6 @@ def test_bad_input_is_refused_with_one_clear_line() -> None:
     image = np.zeros((5, 5), dtype=np.float32)
     with pytest.raises(AsfmError, match=r"\(5, 5\) and \(4, 5\)"):
         detect_cfar(image, np.ones((4, 5), dtype=bool), CONFIG)
-    everywhere = np.ones((5, 5), dtype=bool)
-    with pytest.raises(AsfmError, match="method of ca, goca, soca, os; found 'cfar'"):
-        detect_cfar(image, everywhere, CONFIG, method="cfar")  # type: ignore[arg-type]
-    with pytest.raises(AsfmError, match="noise of rayleigh, exponential; found 'gauss'"):
-        detect_cfar(image, everywhere, CONFIG, noise="gauss")  # type: ignore[arg-type]
-    with pytest.raises(AsfmError, match="order_fraction"):
-        detect_cfar(image, everywhere, CONFIG, order_fraction=0.0)
     with pytest.raises(AsfmError, match="expected an image"):
         detect_cfar(image[:0], np.ones((0, 5), dtype=bool), CONFIG)
 
