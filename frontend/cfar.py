@@ -108,8 +108,10 @@ def _exceeds_average(power: Power, usable: BoolArray, config: CfarConfig, relief
     count = count_ring(usable, config.reference_px, config.guard_px)
     counts = np.arange(count.max() + 1)
     sum_factors = average_factors(counts, config.false_alarm_probability) / np.maximum(counts, 1)
-    limit = sum_factors.take(count) * _not_negative(total)
-    return np.asarray(power > (limit if relief is None else limit * relief))
+    limit = np.multiply(_not_negative(total), sum_factors.take(count), out=total)
+    if relief is not None:
+        limit *= relief
+    return np.asarray(power > limit)
 
 
 def _exceeds_halves(power: Power, usable: BoolArray, config: CfarConfig, relief: Power | None) -> BoolArray:

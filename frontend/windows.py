@@ -53,10 +53,10 @@ def sum_halves(image: NumberArray, reference_px: HalfSize, guard_px: HalfSize) -
     return before - inner[depth - guard_px[0] :][: len(image)], behind - inner[depth + 1 :][: len(image)]
 
 
-def count_ring(mask: BoolArray, reference_px: HalfSize, guard_px: HalfSize) -> NDArray[np.int32]:
+def count_ring(mask: BoolArray, reference_px: HalfSize, guard_px: HalfSize) -> NDArray[np.intp]:
     """Count the pixels of a mask in the ring around each pixel: :func:`sum_ring`, at once where the mask is full."""
     if not mask.all():
-        return np.asarray(sum_ring(as_counts(mask), reference_px, guard_px))
+        return np.asarray(sum_ring(as_counts(mask), reference_px, guard_px), dtype=np.intp)
     outer, inner = (
         np.outer(*(_count_line(length, half, half) for length, half in zip(mask.shape, half_px, strict=True)))
         for half_px in (reference_px, guard_px)
@@ -75,12 +75,12 @@ def count_halves(mask: BoolArray, reference_px: HalfSize, guard_px: HalfSize) ->
     return first, first[::-1]
 
 
-def _count_line(length: int, before: int, behind: int) -> NDArray[np.int32]:
+def _count_line(length: int, before: int, behind: int) -> NDArray[np.intp]:
     """Count, for each of a line's pixels, those on the line from so many before it to so many behind it."""
-    here = np.arange(length, dtype=np.int32)
+    here = np.arange(length)
     before, behind = min(before, length), min(behind, length)
     first, last = np.maximum(here - before, 0), np.minimum(here + behind, length - 1)
-    return np.asarray(np.maximum(last - first + 1, 0), dtype=np.int32)
+    return np.asarray(np.maximum(last - first + 1, 0), dtype=np.intp)
 
 
 def count_ring_below(
