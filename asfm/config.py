@@ -12,6 +12,10 @@ YAML_ERRORS = (yaml.YAMLError, ValueError, RecursionError)
 """What PyYAML raises on text that it cannot read: ValueError for impossible dates, numbers and bytes."""
 
 
+Filter = Literal["mutual", "ratio", "ssl", "arc", "planar", "clique"]
+"""The outlier filters of asfm.frontend.filters."""
+
+
 class Section(BaseModel):
     """A group of settings that belong to one stage."""
 
@@ -70,11 +74,26 @@ class KeypointsConfig(Section):
 
 
 class MatchingConfig(Section):
-    """Hamming matching over a window of frame gaps."""
+    """Matching of descriptors over a window of frame gaps, and the filters of what it proposes."""
 
     max_gap: int = Field(default=8, ge=1)
     """Each frame is matched with the frames 1..max_gap before it."""
+    filters: tuple[Filter, ...] = ("mutual", "ratio", "arc", "planar", "ssl")
+    """Which filters judge, and in which order: each sees what those before it left. arc needs predicted poses."""
+    guided: bool = True
+    """Where poses are predicted, only keypoints near the elevation arc are compared."""
     ratio: float = Field(default=0.9, gt=0, le=1)
+    """Largest distance to the nearest over that to the second nearest."""
+    arc_gate: float = Field(default=3.0, gt=0)
+    """Under predicted poses a match may lie this many sigmas from its elevation arc, the prediction's included."""
+    planar_tolerance: float = Field(default=0.025, gt=0)
+    """Farthest that a match may lie from the planar motion that most agree with, over its range; its noise at least."""
+
+    @model_validator(mode="after")
+    def _check_filters(self) -> "MatchingConfig":
+        if len(set(self.filters)) < len(self.filters):
+            raise ValueError(f"expected each filter at most once in filters, found {list(self.filters)}")
+        return self
 
 
 class TracksConfig(Section):

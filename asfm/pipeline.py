@@ -12,6 +12,7 @@ from asfm.config import Config
 from asfm.frontend.association import associate
 from asfm.frontend.candidates import match_with_previous
 from asfm.frontend.denoising import detect_mask
+from asfm.frontend.gating import PredictedPoses
 from asfm.frontend.keypoints import detect_keypoints
 from asfm.frontend.tracks import build_tracks
 from asfm.recorder import NullRecorder, Recorder
@@ -65,11 +66,12 @@ def extract(
     """Turn images into keypoints, and pairs of frames into candidate matches. One image is in memory at a time."""
     keypoints: list[Keypoints] = []
     candidates: list[Matches] = []
+    predicted = predict_poses(sequence, config)
     with clock.stage("front-end") as report:
         for frame in sequence:
             mask = detect_mask(frame, config)
             keypoints.append(detect_keypoints(frame, mask, sequence.sonar, config))
-            matches = match_with_previous(frame.index, keypoints, config)
+            matches = match_with_previous(frame.index, keypoints, config, sequence.sonar, predicted)
             candidates += matches
             recorder.record_frame(frame, mask, keypoints[-1])
             if matches:
@@ -80,8 +82,31 @@ def extract(
             "frames": len(sequence),
             "keypoints": sum(len(frame) for frame in keypoints),
             "matches": sum(len(match) for match in candidates),
+            **_count_rejected(candidates),
         }
     return keypoints, candidates
+
+
+def predict_poses(sequence: Sequence, config: Config) -> PredictedPoses | None:
+    """Predict the sonar's poses from the odometry before the images are looked at; None without odometry."""
+    start = start_from_odometry(sequence, config)
+    if start is None:
+        return None
+    noise, lever_m = sequence.noise, float(np.linalg.norm(sequence.vehicle_from_sonar[:3, 3]))
+    return PredictedPoses(
+        start.world_from_vehicle @ sequence.vehicle_from_sonar,
+        noise.odometry_rotation_rad,
+        float(np.hypot(noise.odometry_translation_m, lever_m * noise.odometry_rotation_rad)),
+    )
+
+
+def _count_rejected(candidates: list[Matches]) -> dict[str, int]:
+    """Count what each filter rejected over all pairs of frames."""
+    counts: dict[str, int] = {}
+    for matches in candidates:
+        for name, count in matches.count_rejected().items():
+            counts[f"rejected by {name}"] = counts.get(f"rejected by {name}", 0) + count
+    return counts
 
 
 def initialise(

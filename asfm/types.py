@@ -4,7 +4,7 @@ Conventions, everywhere the same: metres, radians, seconds. Sonar frame x forwar
 in 0..1 of shape (ranges, beams); row 0 is nearest, column 0 is the most starboard beam. Pixel centres are at +0.5.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,12 +113,36 @@ class Matches:
     frame_a: int
     frame_b: int
     index: IntArray
-    """(M, 2) keypoint of frame_a, keypoint of frame_b."""
+    """(M, 2) keypoint of frame_a, keypoint of frame_b: those that every filter let pass."""
     cost: FloatArray
     """(M,) smaller is better."""
+    rejected: NDArray[np.int32] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int32))
+    """(R, 2) keypoint of frame_a, keypoint of frame_b: those that a filter rejected."""
+    rejected_by: NDArray[np.int8] = field(default_factory=lambda: np.zeros(0, dtype=np.int8))
+    """(R,) which of the filters."""
+    filters: tuple[str, ...] = ()
+    """Names of the filters that have judged, in their order."""
 
     def __len__(self) -> int:
         return len(self.index)
+
+    def reject(self, which: BoolArray, name: str) -> "Matches":
+        """Move some of the (M,) matches to the rejected ones, and remember the filter that did it."""
+        filters = self.filters if name in self.filters else (*self.filters, name)
+        number = np.full(int(which.sum()), filters.index(name), dtype=np.int8)
+        return replace(
+            self,
+            index=self.index[~which],
+            cost=self.cost[~which],
+            rejected=np.concatenate([self.rejected, self.index[which].astype(np.int32)]),
+            rejected_by=np.concatenate([self.rejected_by, number]),
+            filters=filters,
+        )
+
+    def count_rejected(self) -> dict[str, int]:
+        """Count what each filter rejected, by its name."""
+        counts = np.bincount(self.rejected_by, minlength=len(self.filters)).tolist()
+        return dict(zip(self.filters, counts, strict=True))
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,9 @@
 """A chain of planar motions between frames: where the poses start when there is no odometry."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from asfm.poses import invert, make_pose
+from asfm.planar_motion import agree_on_planar_motion
+from asfm.poses import invert
 from asfm.types import BoolArray, FloatArray, IntArray, Tracks
 
 MIN_SHARED = 4
@@ -26,20 +26,8 @@ def estimate_planar_motion(
     Returns:
         (4, 4) a_from_b with no motion out of the plane, (M,) which points agree.
     """
-    pick = np.array([rng.choice(len(xy_a), 2, replace=False) for _ in range(trials)])
-    motions = _fit_planar(xy_a[pick], xy_b[pick])
-    moved = np.einsum("tij,mj->tmi", motions[:, :2, :2], xy_b) + motions[:, None, :2, 2]
-    distance = np.linalg.norm(moved - xy_a, axis=-1) / tolerance_m
-    best = int(np.argmin(np.minimum(distance**2, 1.0).sum(axis=1)))
-    agrees = distance[best] < 1
-    for _ in range(3):
-        if agrees.sum() < 2:
-            break
-        motion = _fit_planar(xy_a[None, agrees], xy_b[None, agrees])[0]
-        agrees = np.linalg.norm(xy_b @ motion[:2, :2].T + motion[:2, 2] - xy_a, axis=1) / tolerance_m < 1
-    else:
-        return _lift(motion), agrees
-    return _lift(motions[best]), agrees
+    picks = np.array([rng.choice(len(xy_a), 2, replace=False) for _ in range(trials)])
+    return agree_on_planar_motion(xy_a, xy_b, tolerance_m, picks)
 
 
 def chain_planar_motions(
@@ -81,22 +69,3 @@ def _observations_by_frame(tracks: Tracks, frame_count: int) -> list[IntArray]:
 def _shared(tracks: Tracks, a: IntArray, b: IntArray) -> tuple[IntArray, IntArray]:
     _, in_a, in_b = np.intersect1d(tracks.track[a], tracks.track[b], return_indices=True)
     return a[in_a], b[in_b]
-
-
-def _fit_planar(xy_a: FloatArray, xy_b: FloatArray) -> FloatArray:
-    """Fit (T, 3, 3) rigid motions a_from_b to (T, M, 2) points in closed form (2-D Kabsch)."""
-    centre_a, centre_b = xy_a.mean(axis=1, keepdims=True), xy_b.mean(axis=1, keepdims=True)
-    da, db = xy_a - centre_a, xy_b - centre_b
-    angle = np.arctan2((db[..., 0] * da[..., 1] - db[..., 1] * da[..., 0]).sum(axis=1), (da * db).sum(axis=(1, 2)))
-    motion = np.zeros((len(angle), 3, 3))
-    motion[:, 0, 0] = motion[:, 1, 1] = np.cos(angle)
-    motion[:, 1, 0], motion[:, 0, 1] = np.sin(angle), -np.sin(angle)
-    motion[:, :2, 2] = centre_a[:, 0] - np.einsum("tij,tj->ti", motion[:, :2, :2], centre_b[:, 0])
-    motion[:, 2, 2] = 1
-    return motion
-
-
-def _lift(motion: FloatArray) -> FloatArray:
-    """Place a (3, 3) planar motion into (4, 4) space."""
-    angle = np.arctan2(motion[1, 0], motion[0, 0])
-    return make_pose(np.append(motion[:2, 2], 0.0), Rotation.from_euler("z", angle))

@@ -43,7 +43,7 @@ def associate(
         typical = float(np.median(np.concatenate([residual[index] for index in of_gap])))
         gate[of_gap] = max(config.tracks.min_gate, config.tracks.gate_factor * typical)
     kept = [
-        replace(match, index=match.index[near < limit], cost=(match.cost + 0.1 * near / limit)[near < limit])
+        replace(match, cost=match.cost + 0.1 * near / limit).reject(near >= limit, "arc")
         for match, near, limit in zip(matches, residual, gate, strict=True)
     ]
     return build_tracks(keypoints, kept, config.tracks.min_views)

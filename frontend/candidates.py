@@ -1,26 +1,89 @@
-"""Candidate matches: every frame with those before it, cleaned by the structural-and-spatial loss."""
+"""Candidate matches: every frame with those before it, or pairs that somebody names, cleaned by the filters."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+
+import numpy as np
 
 from asfm.config import Config
-from asfm.frontend.matching import match_keypoints
-from asfm.frontend.ssl import structural_spatial_loss
+from asfm.frontend.filters import Pair, filter_matches
+from asfm.frontend.gating import PredictedPoses, near_arcs
+from asfm.frontend.matching import find_nearest
+from asfm.sonar import SonarModel, feature_sigma
 from asfm.types import Keypoints, Matches
 
+DOUBTFUL = 0.15
+"""Where a prediction leaves fewer of the keypoints matched than this share, it may be the prediction that is wrong."""
+CHANCE = 8
+"""More matches than the prediction leaves, twice as many and these, are no chance: the prediction is not believed."""
 
-def match_frames(frame_a: int, frame_b: int, keypoints: Sequence[Keypoints], config: Config) -> Matches:
-    """Match two frames: nearest descriptors, ratio and mutual test, then the structural-and-spatial loss.
 
-    The cost of a match is the sum of its ratio and its loss: it ranks matches when tracks are built.
+def match_frames(
+    frame_a: int,
+    frame_b: int,
+    keypoints: Sequence[Keypoints],
+    config: Config,
+    sonar: SonarModel | None = None,
+    predicted: PredictedPoses | None = None,
+) -> Matches:
+    """Match two frames: nearest descriptors, then the filters of ``matching.filters``.
+
+    Args:
+        frame_a, frame_b: indices into keypoints and predicted poses.
+        sonar: gives filters the noise and the aperture; without it there is no guidance and no clique.
+        predicted: guide the matching and its arc filter; neither is without. A prediction that the images
+            contradict, because without it far more matches agree with each other, is not used.
     """
     a, b = keypoints[frame_a], keypoints[frame_b]
-    index, ratio = match_keypoints(a, b, config.matching)
-    loss = structural_spatial_loss(a.patches[index[:, 0]], b.patches[index[:, 1]], config.ssl)
-    keep = loss <= config.ssl.max_loss
-    return Matches(frame_a, frame_b, index[keep], (ratio + loss)[keep])
+    guided = None
+    if sonar is not None and predicted is not None:
+        guided = filter_matches(
+            _propose_near(frame_a, frame_b, a, b, config, sonar, predicted), frame_a, frame_b, config
+        )
+        if len(guided) >= DOUBTFUL * min(len(a), len(b)):
+            return guided
+    nearest = find_nearest(a, b)
+    free = filter_matches(Pair(a, b, nearest, sonar), frame_a, frame_b, config)
+    return free if guided is None or len(free) > 2 * len(guided) + CHANCE else guided
 
 
-def match_with_previous(frame: int, keypoints: Sequence[Keypoints], config: Config) -> list[Matches]:
-    """Match a frame with each of the frames 1..max_gap before it, nearest first."""
+def _propose_near(
+    frame_a: int,
+    frame_b: int,
+    a: Keypoints,
+    b: Keypoints,
+    config: Config,
+    sonar: SonarModel,
+    predicted: PredictedPoses,
+) -> Pair:
+    """Find the nearest descriptors among keypoints near the predicted elevation arc."""
+    b_from_a = predicted.relate(frame_a, frame_b)
+    sigma = predicted.spread(frame_a, frame_b, a.range_m, feature_sigma(sonar, config.noise) * np.sqrt(2.0))
+    near = None
+    if config.matching.guided:
+        pixel_a, pixel_b = (np.stack([frame.range_m, frame.bearing_rad], axis=1) for frame in (a, b))
+        near = near_arcs(sonar, b_from_a, pixel_a, pixel_b, config.matching.arc_gate * sigma)
+    return Pair(a, b, find_nearest(a, b, near), sonar, b_from_a, sigma)
+
+
+def match_with_previous(
+    frame: int,
+    keypoints: Sequence[Keypoints],
+    config: Config,
+    sonar: SonarModel | None = None,
+    predicted: PredictedPoses | None = None,
+) -> list[Matches]:
+    """Match a frame with each of the frames 1..max_gap before it, nearest first. See :func:`match_frames`."""
     earliest = max(0, frame - config.matching.max_gap)
-    return [match_frames(other, frame, keypoints, config) for other in range(frame - 1, earliest - 1, -1)]
+    pairs = [(other, frame) for other in range(frame - 1, earliest - 1, -1)]
+    return match_pairs(pairs, keypoints, config, sonar, predicted)
+
+
+def match_pairs(
+    pairs: Iterable[tuple[int, int]],
+    keypoints: Sequence[Keypoints],
+    config: Config,
+    sonar: SonarModel | None = None,
+    predicted: PredictedPoses | None = None,
+) -> list[Matches]:
+    """Match the pairs of frames (a, b) that somebody names, such as loops. See :func:`match_frames`."""
+    return [match_frames(a, b, keypoints, config, sonar, predicted) for a, b in pairs]

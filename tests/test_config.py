@@ -107,7 +107,7 @@ def test_unknown_key_of_a_section_is_named_with_its_neighbours(tmp_path: Path) -
     message = message_of(write(tmp_path, "matching:\n  max_gaps: 3\n"))
     assert "settings.yaml" in message
     assert "matching.max_gaps" in message
-    assert "max_gap, ratio" in message
+    assert "max_gap, planar_tolerance, ratio" in message
 
 
 def test_unknown_section_is_named_with_the_known_ones() -> None:

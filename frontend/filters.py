@@ -1,0 +1,136 @@
+"""Outlier filters: each judges the matches of one pair of frames, alone or after others, in any order."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from asfm.config import Config
+from asfm.errors import AsfmError
+from asfm.frontend.consistency import find_length_outliers
+from asfm.frontend.gating import arc_residuals
+from asfm.frontend.matching import Nearest
+from asfm.frontend.planar import find_planar_outliers, place_in_plane
+from asfm.frontend.ssl import structural_spatial_loss
+from asfm.sonar import SonarModel, feature_sigma
+from asfm.types import BoolArray, FloatArray, IntArray, Keypoints, Matches
+
+
+@dataclass(frozen=True)
+class Pair:
+    """What is known of two frames and of the matches proposed between them."""
+
+    keypoints_a: Keypoints
+    keypoints_b: Keypoints
+    nearest: Nearest
+    """(M,) matches, their ratios, and whether they are mutual."""
+    sonar: SonarModel | None = None
+    b_from_a: FloatArray | None = None
+    """(4, 4) predicted relative pose of the sonars; None where nothing predicts it."""
+    sigma: FloatArray | None = None
+    """(Ka, 2) standard deviation of where a keypoint of frame a is predicted: range_m and bearing_rad."""
+
+    def __len__(self) -> int:
+        return len(self.nearest.index)
+
+    @property
+    def index(self) -> IntArray:
+        """(M, 2) keypoint of frame a, keypoint of frame b."""
+        return self.nearest.index
+
+    def pixels(self) -> tuple[FloatArray, FloatArray]:
+        """Give range_m and bearing_rad of the matches in both frames, each (M, 2)."""
+        sides = zip((self.keypoints_a, self.keypoints_b), self.index.T, strict=True)
+        a, b = (np.stack([frame.range_m[which], frame.bearing_rad[which]], axis=1) for frame, which in sides)
+        return a, b
+
+    def take(self, which: BoolArray) -> "Pair":
+        """Give the same pair with some of its matches."""
+        old = self.nearest
+        return replace(self, nearest=Nearest(old.index[which], old.ratio[which], old.mutual[which]))
+
+
+Verdict = tuple[BoolArray, FloatArray]
+"""(M,) which matches pass, (M,) what each match's cost rises by."""
+
+
+def filter_matches(pair: Pair, frame_a: int, frame_b: int, config: Config) -> Matches:
+    """Let the filters of ``matching.filters`` judge in their order, each only what those before it left.
+
+    The cost of a match is its ratio and what the filters add to it: it ranks matches when tracks are built. Every
+    rejected match remembers the filter.
+    """
+    matches = Matches(frame_a, frame_b, pair.index, pair.nearest.ratio)
+    for name in config.matching.filters:
+        passes, cost = FILTERS[name](pair, config)
+        matches = replace(matches, cost=matches.cost + cost).reject(~passes, name)
+        pair = pair.take(passes)
+    return matches
+
+
+def filter_mutual(pair: Pair, config: Config) -> Verdict:
+    """Pass matches that are each other's nearest."""
+    return pair.nearest.mutual, np.zeros(len(pair))
+
+
+def filter_ratio(pair: Pair, config: Config) -> Verdict:
+    """Pass matches clearly nearer than the second nearest (Lowe 2004)."""
+    return pair.nearest.ratio <= config.matching.ratio, np.zeros(len(pair))
+
+
+def filter_ssl(pair: Pair, config: Config) -> Verdict:
+    """Pass matches whose surroundings look alike; their loss is added to their cost."""
+    a, b = pair.index.T
+    loss = structural_spatial_loss(pair.keypoints_a.patches[a], pair.keypoints_b.patches[b], config.ssl)
+    return loss <= config.ssl.max_loss, loss
+
+
+def filter_arc(pair: Pair, config: Config) -> Verdict:
+    """Pass matches near their elevation arc under the predicted poses; all where nothing predicts them."""
+    if pair.sonar is None or pair.b_from_a is None or pair.sigma is None or not len(pair):
+        return np.ones(len(pair), dtype=bool), np.zeros(len(pair))
+    b_from_a = np.broadcast_to(pair.b_from_a, (len(pair), 4, 4))
+    residual = arc_residuals(pair.sonar, b_from_a, *pair.pixels(), pair.sigma[pair.index[:, 0]])
+    return residual <= config.matching.arc_gate, np.zeros(len(pair))
+
+
+def filter_planar(pair: Pair, config: Config) -> Verdict:
+    """Pass matches that agree on one planar motion, as far as noise and unknown elevations allow."""
+    a, b = pair.index.T
+    share = config.matching.planar_tolerance
+    tolerance_m = np.maximum(share * pair.keypoints_b.range_m[b], 1e-9)
+    if pair.sonar is not None:
+        tolerance_m = np.maximum(tolerance_m, _position_noise(pair.sonar, pair.keypoints_b.range_m[b], config))
+    xy_a, xy_b = place_in_plane(pair.keypoints_a, a), place_in_plane(pair.keypoints_b, b)
+    _, disagrees = find_planar_outliers(xy_a, xy_b, tolerance_m, pair.nearest.ratio)
+    return ~disagrees, np.zeros(len(pair))
+
+
+def filter_clique(pair: Pair, config: Config) -> Verdict:
+    """Pass the largest set of matches whose lengths agree in pairs.
+
+    Raises:
+        AsfmError: the sonar is not known.
+    """
+    if pair.sonar is None:
+        raise AsfmError("matching.filters: 'clique' needs the sonar's aperture; pass the sonar or leave 'clique' out")
+    pixel_a, pixel_b = pair.pixels()
+    slack_m = _position_noise(pair.sonar, pixel_b[:, 0], config)
+    outliers = find_length_outliers(pixel_a, pixel_b, pair.sonar.elevation_aperture_rad, slack_m)
+    return ~outliers, np.zeros(len(pair))
+
+
+def _position_noise(sonar: SonarModel, range_m: FloatArray, config: Config) -> FloatArray:
+    """How far (M,) the noise of both keypoints of a match may move one against the other: two sigmas."""
+    sigma = feature_sigma(sonar, config.noise) * np.sqrt(2.0)
+    return np.asarray(2.0 * np.hypot(sigma[0], sigma[1] * range_m))
+
+
+FILTERS: dict[str, Callable[[Pair, Config], Verdict]] = {
+    "mutual": filter_mutual,
+    "ratio": filter_ratio,
+    "ssl": filter_ssl,
+    "arc": filter_arc,
+    "planar": filter_planar,
+    "clique": filter_clique,
+}

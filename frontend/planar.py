@@ -1,0 +1,43 @@
+"""Planar filter: matches that agree on one motion in the plane, as far as unknown elevations allow."""
+
+import numpy as np
+
+from asfm.planar_motion import agree_on_planar_motion
+from asfm.types import BoolArray, FloatArray, IntArray, Keypoints
+
+SUREST = 24
+"""Trial motions come from the pairs of this many surest matches: all 276 of them, and no chance is involved."""
+FEWEST = 4
+"""Three matches agree on a planar motion too easily: fewer than this are not judged."""
+
+
+def find_planar_outliers(
+    xy_a: FloatArray, xy_b: FloatArray, tolerance_m: FloatArray, cost: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """Find the planar motion of one pair of frames that most matches agree with, and who does not.
+
+    Args:
+        xy_a, xy_b: (M, 2) the matched points at elevation zero, (r cos(theta), r sin(theta)).
+        tolerance_m: (M,) how far an agreeing point may lie, above zero.
+        cost: (M,) smaller is surer.
+
+    Returns:
+        (4, 4) a_from_b in the plane, (M,) true where a match disagrees. Of fewer than four matches none disagrees.
+    """
+    if len(xy_a) < FEWEST:
+        return np.eye(4), np.zeros(len(xy_a), dtype=bool)
+    motion, agrees = agree_on_planar_motion(xy_a, xy_b, tolerance_m, pick_surest_pairs(cost))
+    return motion, ~agrees
+
+
+def pick_surest_pairs(cost: FloatArray, count: int = SUREST) -> IntArray:
+    """Pair up the surest of (M,) matches, each with each: (T, 2)."""
+    surest = np.argsort(cost, kind="stable")[:count]
+    first, second = np.triu_indices(len(surest), 1)
+    return np.stack([surest[first], surest[second]], axis=1)
+
+
+def place_in_plane(keypoints: Keypoints, which: IntArray) -> FloatArray:
+    """Put keypoints at elevation zero: (M, 2) x and y in metres."""
+    range_m, bearing_rad = keypoints.range_m[which], keypoints.bearing_rad[which]
+    return np.stack([range_m * np.cos(bearing_rad), range_m * np.sin(bearing_rad)], axis=1)
