@@ -9,11 +9,33 @@ from numpy.typing import NDArray
 from asfm.poses import interpolate, invert
 from asfm.sequence import Sequence
 from asfm.sonar import SonarModel, back_project
-from asfm.types import BoolArray, FloatArray, Frame, IntArray, Landmarks, Reconstruction, Tracks, Trajectory
+from asfm.types import (
+    BoolArray,
+    FloatArray,
+    Frame,
+    IntArray,
+    Keypoints,
+    Landmarks,
+    Matches,
+    Reconstruction,
+    Tracks,
+    Trajectory,
+)
 
 Picture = NDArray[Any]
 JPEG_QUALITY = 60
 KEYPOINT, MATCH, MASK = (255, 214, 64), (255, 64, 200), (64, 255, 128)
+REJECTED = {
+    "ssl": (255, 96, 64),
+    "planar": (255, 160, 32),
+    "clique": (200, 140, 60),
+    "arc": (80, 160, 255),
+    "ratio": (120, 120, 130),
+    "mutual": (80, 80, 90),
+}
+"""Colours of the matches that each filter rejected."""
+HIDDEN = tuple(f"{view}/rejected/{name}" for view in ("fan", "polar") for name in ("ratio", "mutual"))
+"""What is hidden at first: most nearest descriptors of a frame are nobody's match, and would cover the picture."""
 LINES = {"estimate": (64, 180, 255), "odometry": (255, 120, 80), "groundtruth": (70, 220, 110)}
 LINE_NAMES = {"estimate": "estimate blue", "odometry": "odometry orange", "groundtruth": "ground truth green"}
 ARC, ARC_IN_VIEW, FRUSTUM = (58, 58, 68), (140, 140, 165), (110, 130, 150)
@@ -42,6 +64,22 @@ def brighten_image(frame: Frame) -> NDArray[np.uint8]:
     """Make grey values of echoes: they span orders of magnitude, and the square root brings the weak ones up."""
     visible = np.sqrt(np.where(frame.invalid, 0.0, np.clip(frame.image, 0, 1)))
     return np.asarray(255 * visible).astype(np.uint8)
+
+
+def sort_matches(matches: Matches) -> dict[str, tuple[IntArray, dict[str, Any]]]:
+    """Sort the matches of two frames by what became of them: entity to ((M, 2) keypoints, colour and label)."""
+    found: dict[str, tuple[IntArray, dict[str, Any]]] = {"matches": (matches.index, {"colors": MATCH})}
+    for number, name in enumerate(matches.filters):
+        index = matches.rejected[matches.rejected_by == number].astype(np.int64)
+        label = {"labels": [f"rejected by {name}"] * len(index), "show_labels": False}
+        found[f"rejected/{name}"] = index, {"colors": REJECTED.get(name, ARC_IN_VIEW), **label}
+    return found
+
+
+def join_ends(grid: Any, frame_a: Keypoints, frame_b: Keypoints, index: IntArray) -> FloatArray:
+    """Draw (M, 2) matches as lines: (M, 2, 2) old and new position in the pixels of a grid."""
+    ends = zip((frame_a, frame_b), index.T, strict=True)
+    return np.stack([grid.pixel_at(found.range_m[which], found.bearing_rad[which]) for found, which in ends], axis=1)
 
 
 def encode_picture(kind: str, picture: Picture) -> bytes:

@@ -23,6 +23,7 @@ from asfm.types import BoolArray, FloatArray, Frame, Keypoints, Landmarks, Match
 
 FAN_WIDTH_PX, FAN_HEIGHT_PX = 600, 1000
 """The width of a fan, unless a narrow sonar would make it higher than that."""
+FOUND = "Fan: echoes, keypoints, matches"
 TAIL_FRAMES = 10
 SHEET_OPACITY = 110
 """Of the picture that hangs in the 3-D view, of 255."""
@@ -89,13 +90,12 @@ class RerunRecorder:
         self._log("counts/keypoints", self._rr.Scalars(len(keypoints)))
 
     def record_matches(self, frame_a: Keypoints, frame_b: Keypoints, matches: Matches) -> None:
-        """Draw each match on the later frame as a line from the old position to the new one."""
+        """Draw each match on the later frame as a line from the old position to the new one, and those rejected."""
         self._set_frame(matches.frame_b)
-        pairs = (frame_a, matches.index[:, 0]), (frame_b, matches.index[:, 1])
-        for view, grid in self._grids.items():
-            ends = [grid.pixel_at(found.range_m[which], found.bearing_rad[which]) for found, which in pairs]
-            lines = self._rr.LineStrips2D(np.stack(ends, axis=1), colors=drawing.MATCH, radii=-1.0)
-            self._log(f"{view}/matches", lines)
+        for name, (index, hints) in drawing.sort_matches(matches).items():
+            for view, grid in self._grids.items():
+                ends = drawing.join_ends(grid, frame_a, frame_b, index)
+                self._log(f"{view}/{name}", self._rr.LineStrips2D(ends, radii=-1.0, **hints))
         self._log("counts/matches", self._rr.Scalars(len(matches)))
 
     def record_reconstruction(self, sequence: Sequence, reconstruction: Reconstruction) -> None:
@@ -246,10 +246,11 @@ def _view_images(step_s: float) -> Any:
     from rerun import blueprint as rrb
 
     found, tracked = ["$origin/**", "- $origin/tracks"], ["$origin/image", "$origin/tracks"]
+    hidden = dict.fromkeys(drawing.HIDDEN, rrb.EntityBehavior(visible=False))
     return rrb.Vertical(
         rrb.Tabs(
-            rrb.Spatial2DView(origin="fan", contents=found, name="Fan: echoes, keypoints, matches"),
-            rrb.Spatial2DView(origin="polar", name="Polar image"),
+            rrb.Spatial2DView(origin="fan", contents=found, name=FOUND, overrides=hidden),
+            rrb.Spatial2DView(origin="polar", name="Polar image", overrides=hidden),
         ),
         rrb.Spatial2DView(
             origin="fan",

@@ -106,7 +106,8 @@ def _record(path: Path, sequence: Sequence, reconstruction: Reconstruction | Non
         recorder.record_frame(frame, _mask(frame.index), _keypoints(frame.index))
         if frame.index:
             pairs = np.array([[0, 0], [2, 1]])
-            matches = Matches(frame.index - 1, frame.index, pairs, np.zeros(2))
+            proposed = Matches(frame.index - 1, frame.index, np.concatenate([pairs, [[1, 0]]]), np.zeros(3))
+            matches = proposed.reject(np.array([False, False, True]), "ssl")
             recorder.record_matches(_keypoints(frame.index - 1), _keypoints(frame.index), matches)
     recorder.record_reconstruction(sequence, reconstruction or _reconstruction(sequence))
     recorder.close()
@@ -219,6 +220,20 @@ def test_matches_run_from_the_old_to_the_new_position(recording: Recording) -> N
         )
         strips = np.array(recording.value(f"/{view}/matches", "LineStrips2D:strips", 3))
         np.testing.assert_allclose(strips, np.stack([before, after], axis=1))
+
+
+def test_rejected_matches_are_drawn_apart_with_their_filter_s_name(recording: Recording) -> None:
+    for view in ("fan", "polar"):
+        before, after = (
+            np.array(recording.value(f"/{view}/keypoints", "Points2D:positions", frame))[which]
+            for frame, which in ((2, 1), (3, 0))
+        )
+        entity = f"/{view}/rejected/ssl"
+        strips = np.array(recording.value(entity, "LineStrips2D:strips", 3))
+        np.testing.assert_allclose(strips, [[before, after]])
+        assert recording.value(entity, "LineStrips2D:labels", 3) == ["rejected by ssl"]
+        colours = [recording.value(name, "LineStrips2D:colors", 3) for name in (entity, f"/{view}/matches")]
+        assert colours[0] != colours[1]
 
 
 def test_tracks_step_from_observation_to_observation_in_a_steady_colour(recording: Recording) -> None:
