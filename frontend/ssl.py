@@ -4,6 +4,9 @@ Structural: one minus the structural similarity of the two squares (Wang et al. 
 vectors (mean of each column, mean of each row, mean of the square). Both lie in 0..1 and add up with their weights.
 """
 
+import threading
+
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,12 +16,13 @@ from asfm.types import FloatArray, ImageArray
 
 WINDOW_PX = 7
 """Width of the windows whose similarities are averaged (less where the square is smaller)."""
-CHUNK_PRODUCTS = 1 << 19
-"""Products of one step: as many matches at once as fit the cache, few enough for BLAS to stay on one thread."""
+CHUNK_VALUES = 1 << 15
+"""Pixels of one step: as many squares at once as fit the cache, few enough for BLAS to stay on one thread."""
 STABILISERS = (0.01**2, 0.03**2)
 """C1 and C2 of the structural similarity for values in 0..1."""
 
 Patches = NDArray[np.floating]
+Columns = NDArray[np.float32]
 
 
 def structural_spatial_loss(patches_a: Patches, patches_b: Patches, config: SslConfig) -> FloatArray:
@@ -39,76 +43,131 @@ def structural_spatial_loss(patches_a: Patches, patches_b: Patches, config: SslC
         AsfmError: the shapes disagree or a pixel is not finite.
     """
     _check(patches_a, patches_b)
-    loss = np.zeros(len(patches_a))
-    length = patches_a.shape[-1]
-    chunk = max(CHUNK_PRODUCTS // length**3, 1)
-    memory = np.empty(4 * length**2 * min(chunk, len(loss)))
-    for start in range(0, len(loss), chunk):
-        part = slice(start, start + chunk)
-        count = len(loss[part])
-        planes = memory[: 4 * length**2 * count].reshape(4, length, length, count)
-        for plane, patches in zip(planes, (patches_a, patches_b), strict=False):
-            plane[:] = np.moveaxis(stretch_patches(patches[part]), 0, 2)
-        if config.structural_weight > 0:
-            loss[part] += config.structural_weight * _structural_term(planes)
-        if config.spatial_weight > 0:
-            loss[part] += config.spatial_weight * _spatial_term(planes[0], planes[1])
-    return loss
+    return _compare(patches_a, patches_b, config, stretched=False)
+
+
+def compare_stretched(stretched_a: ImageArray, stretched_b: ImageArray, config: SslConfig) -> FloatArray:
+    """Compare squares that :func:`stretch_patches` has stretched: once a keypoint, however many matches it has.
+
+    Arguments and result are those of :func:`structural_spatial_loss`; nothing is checked.
+    """
+    return _compare(stretched_a, stretched_b, config, stretched=True)
 
 
 def stretch_patches(patches: Patches) -> ImageArray:
-    """Stretch each of (M, N, N) squares to 0..1; a flat one becomes zero."""
-    flat = patches.reshape(len(patches), -1)
-    low = flat.min(axis=1, keepdims=True)
-    span = (flat.max(axis=1, keepdims=True) - low).astype(np.float32)
-    stretched = (flat - low).astype(np.float32, copy=False)
+    """Stretch each of (M, N, N) squares to 0..1; a flat one becomes zero. (M, N, N) float32."""
+    flat = patches.reshape(len(patches), patches.shape[1] ** 2)
+    stretched = (flat - flat.min(axis=1, keepdims=True)).astype(np.float32, copy=False)
+    span = stretched.max(axis=1, keepdims=True)
     stretched /= np.where(span > 0, span, np.float32(1))
     return np.asarray(stretched.reshape(patches.shape))
 
 
-def _structural_term(planes: FloatArray) -> FloatArray:
-    """Dissimilarity (1 - SSIM) / 2 in 0..1 of squares of values in 0..1, planes 0 and 1 of (4, N, N, M). (M,).
+class _Memory(threading.local):
+    """Arrays that every step writes anew, kept from call to call: fresh memory takes longer than the arithmetic."""
+
+    def __init__(self) -> None:
+        self.length, self.count = 0, 0
+
+    def fit(self, length: int, count: int) -> None:
+        """Make room for squares of ``length`` pixels' side, ``count`` at once."""
+        if length == self.length and count <= self.count:
+            return
+        self.length, self.count, self.width = length, count, min(WINDOW_PX, length)
+        offset = np.arange(length) - np.arange(length - self.width + 1)[:, None]
+        self.band: FloatArray = np.asarray((offset >= 0) & (offset < self.width), dtype=float) / self.width
+        windows = len(self.band)
+        self.columns = np.empty((3, length**2 * count), dtype=np.float32)
+        self.pixels = np.empty(2 * length**2 * count)
+        self.halfway = np.empty(windows * length * count)
+        self.means = np.empty(4 * windows**2 * count)
+
+
+_MEMORY = _Memory()
+
+
+def _compare(patches_a: Patches, patches_b: Patches, config: SslConfig, stretched: bool) -> FloatArray:
+    loss = np.zeros(len(patches_a))
+    length = patches_a.shape[-1]
+    chunk = max(CHUNK_VALUES // length**2, 1)
+    _MEMORY.fit(length, min(chunk, len(loss)))
+    for start in range(0, len(loss), chunk):
+        part = slice(start, start + chunk)
+        a, b, difference = _MEMORY.columns[:, : length**2 * len(loss[part])].reshape(3, length**2, -1)
+        a = _lay_columns(patches_a[part], stretched, a)
+        b = _lay_columns(patches_b[part], stretched, b)
+        np.subtract(a, b, out=difference)
+        if config.structural_weight > 0:
+            loss[part] += config.structural_weight * _structural_term(np.add(a, b, out=a), difference)
+        if config.spatial_weight > 0:
+            loss[part] += config.spatial_weight * _spatial_term(difference)
+    return loss
+
+
+def _lay_columns(patches: Patches, stretched: bool, out: Columns) -> Columns:
+    """(N * N, M) of (M, N, N), stretched: matches along the last axis, every step runs over all of them at once."""
+    flat = patches.reshape(len(patches), -1)
+    if flat.dtype != np.float32:
+        flat = (flat - flat.min(axis=1, keepdims=True)).astype(np.float32)
+    flat = np.ascontiguousarray(flat)
+    columns: Columns = cv2.transpose(flat, dst=out).reshape(out.shape)
+    if not stretched:
+        low, high = (cv2.reduce(flat, 1, extreme).ravel() for extreme in (cv2.REDUCE_MIN, cv2.REDUCE_MAX))
+        span = high - low
+        columns -= low
+        columns *= 1 / np.where(span > 0, span, np.float32(1))
+    return columns
+
+
+def _structural_term(total: Columns, difference: Columns) -> FloatArray:
+    """Dissimilarity (1 - SSIM) / 2 in 0..1 of squares a and b of values in 0..1, from (N * N, M) a + b and a - b. (M,).
 
     SSIM is the mean of (2 ab + C1) (2 cov + C2) / ((aa + bb + C1) (var_a + var_b + C2)), a and b being means, over all
     windows of 7 x 7 pixels inside the square, with unbiased variances: here a factor that C2 is divided by instead.
-    Planes 2 and 3 are overwritten. The matches lie along the last axis: every step runs over all of them at once.
+    With s = a + b and d = a - b, 4 ab is ss - dd, 2 (aa + bb) is ss + dd, and so are the covariance and variances.
     """
-    patches_a, patches_b, squares, product = planes
-    np.multiply(patches_a, patches_a, out=squares)
-    np.multiply(patches_b, patches_b, out=product)
-    squares += product
-    np.multiply(patches_a, patches_b, out=product)
-    width = min(WINDOW_PX, len(patches_a))
-    c1, c2 = STABILISERS[0], STABILISERS[1] * (1 - 1 / max(width, 2) ** 2)
-    mean_a, mean_b, mean_squares, mean_product = _average_windows(planes, width)
-    ab = mean_a * mean_b
-    aa_bb = mean_a * mean_a + mean_b * mean_b
-    quarter = (ab + c1 / 2) * (mean_product - ab + c2 / 2) / ((aa_bb + c1) * (mean_squares - aa_bb + c2))
-    return np.asarray(np.clip(0.5 - 2 * quarter.mean(axis=(0, 1)), 0.0, 1.0))
+    count = total.shape[1]
+    sums, differences = _MEMORY.means[: 4 * len(_MEMORY.band) ** 2 * count].reshape(2, 2, -1, count)
+    for means, columns in ((sums, total), (differences, difference)):
+        pixels = _MEMORY.pixels[: columns.size].reshape(columns.shape)
+        pixels[:] = columns
+        _average_windows(pixels, means[0])
+        np.multiply(pixels, pixels, out=pixels)
+        _average_windows(pixels, means[1])
+        means[0] *= means[0]
+        means[1] -= means[0]
+    sums[0] += 2 * STABILISERS[0]
+    sums[1] += 2 * STABILISERS[1] * (1 - 1 / max(_MEMORY.width, 2) ** 2)
+    numerator = _MEMORY.pixels[: sums.size].reshape(sums.shape)
+    np.subtract(sums, differences, out=numerator)
+    denominator = np.add(sums, differences, out=sums)
+    numerator /= denominator
+    similarity = np.multiply(numerator[0], numerator[1], out=numerator[0])
+    return np.asarray(np.clip(0.5 - 0.5 * similarity.mean(axis=0), 0.0, 1.0))
 
 
-def _average_windows(planes: FloatArray, width: int) -> FloatArray:
-    """Average (4, N, N, M) planes over every window of the middle axes. (4, windows, windows, M).
+def _average_windows(pixels: FloatArray, out: FloatArray) -> None:
+    """Average (N * N, M) pixels over every window. (windows * windows, M).
 
     Two matrix products with a band of ones do it: one down the columns, one along the rows.
     """
-    count, length = planes.shape[:2]
-    offset = np.arange(length) - np.arange(length - width + 1)[:, None]
-    band = np.asarray((offset >= 0) & (offset < width), dtype=float) / width
-    down = np.matmul(band, planes.reshape(count, length, -1))
-    return np.asarray(np.matmul(band, down.reshape(count, len(band), *planes.shape[2:])))
+    count, (windows, length) = pixels.shape[1], _MEMORY.band.shape
+    halfway = _MEMORY.halfway[: windows * length * count].reshape(windows, length * count)
+    np.matmul(_MEMORY.band, pixels.reshape(length, length * count), out=halfway)
+    np.matmul(_MEMORY.band, halfway.reshape(windows, length, count), out=out.reshape(windows, windows, count))
 
 
-def _spatial_term(patches_a: FloatArray, patches_b: FloatArray) -> FloatArray:
-    """Distance in 0..1 of how (N, N, M) squares of values in 0..1 spread their brightness. (M,).
+def _spatial_term(difference: Columns) -> FloatArray:
+    """Distance in 0..1 of how two squares of values in 0..1 spread their brightness, from (N * N, M) a - b. (M,).
 
     The vectors (N column means, N row means, mean of all) lie in a cube of side 1, so their Euclidean distance is
     divided by its diagonal, sqrt(2 N + 1).
     """
-    difference = patches_a - patches_b
-    columns, rows = difference.mean(axis=0), difference.mean(axis=1)
+    length = round(len(difference) ** 0.5)
+    squares = difference.reshape(length, length, -1)
+    columns, rows = squares.mean(axis=0), squares.mean(axis=1)
     squared = (columns * columns).sum(axis=0) + (rows * rows).sum(axis=0) + columns.mean(axis=0) ** 2
-    return np.asarray(np.sqrt(squared / (2 * len(patches_a) + 1)))
+    return np.asarray(np.sqrt(squared / (2 * length + 1)), dtype=np.float64)
 
 
 def _check(patches_a: Patches, patches_b: Patches) -> None:

@@ -29,7 +29,7 @@ def test_structural_term_is_that_of_scikit_image(pairs: tuple[Patches, Patches])
     stretched = (stretch_patches(patches).astype(float) for patches in pairs)
     expected = [(1 - structural_similarity(a, b, data_range=1.0)) / 2 for a, b in zip(*stretched, strict=True)]
     loss = structural_spatial_loss(*pairs, SslConfig(structural_weight=1, spatial_weight=0))
-    np.testing.assert_allclose(loss, expected, atol=1e-9)
+    np.testing.assert_allclose(loss, expected, atol=2e-7)
 
 
 def test_spatial_term_is_that_of_plain_loops(pairs: tuple[Patches, Patches]) -> None:
@@ -41,7 +41,7 @@ def test_spatial_term_is_that_of_plain_loops(pairs: tuple[Patches, Patches]) -> 
     for a, b, term in zip(*stretched, loss, strict=True):
         u, v = describe(a), describe(b)
         distance = sum((p - q) ** 2 for p, q in zip(u, v, strict=True)) ** 0.5
-        assert term == pytest.approx(distance / len(u) ** 0.5, abs=1e-12)
+        assert term == pytest.approx(distance / len(u) ** 0.5, abs=1e-6)
 
 
 def test_stretched_squares_run_from_0_to_1(pairs: tuple[Patches, Patches]) -> None:
@@ -91,7 +91,7 @@ def test_each_loss_is_that_of_its_pair_alone() -> None:
     a, b = rng.random((2, 300, 15, 15)).astype(np.float32)
     loss = structural_spatial_loss(a, b, BOTH)
     alone = [structural_spatial_loss(a[i : i + 1], b[i : i + 1], BOTH)[0] for i in range(300)]
-    np.testing.assert_allclose(loss, alone, atol=1e-12)
+    np.testing.assert_allclose(loss, alone, atol=1e-7)
 
 
 @pytest.mark.parametrize("width", [1, 3, 5])
