@@ -163,6 +163,41 @@ def simulate(
 
 
 @app.command()
+def denoise(
+    sequences: Annotated[
+        list[Path] | None, typer.Argument(help="Native folders with truth; none: simulate.", metavar="[SEQUENCE]...")
+    ] = None,
+    frames: Annotated[int, typer.Option(help="Of each sequence, or of each scene and sonar.")] = 2,
+    scenes: Annotated[
+        list[str] | None, typer.Option("--scene", help="To simulate; may be repeated; all by default.", metavar="SCENE")
+    ] = None,
+    sonars: Annotated[
+        list[str] | None, typer.Option("--sonar", help="To simulate; may be repeated; all by default.", metavar="SONAR")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of the first simulated frame; each further one has the next.")] = 0,
+    config: Annotated[Path | None, typer.Option(help="YAML file of settings that differ from the defaults.")] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", help="One setting; may be repeated.", metavar="SECTION.KEY=VALUE")
+    ] = None,
+    output: Annotated[Path | None, typer.Option(help="Folder for the table as CSV and JSON, and a picture.")] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Compare ways of denoising with the image without noise."""
+    from asfm.commands import denoise_sources
+    from asfm.commands.denoise_files import describe_denoising
+    from asfm.config import load_config
+
+    resolved = load_config(config, tuple(settings or ()))
+    with _show_progress() as progress:
+        table = denoise_sources(
+            sequences or (), scenes or (), sonars or (), frames, seed, resolved, output, overwrite, progress
+        )
+    _say(describe_denoising(table))
+    if output is not None:
+        typer.echo(f"table and picture: {output}")
+
+
+@app.command()
 def convert(
     sequence: SequencePath,
     output: Annotated[Path, typer.Argument(help="Folder for the native sequence.", metavar="DIR")],

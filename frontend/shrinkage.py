@@ -57,7 +57,7 @@ def _shrink(image: ImageArray, pilot: ImageArray | None, variance: ImageArray, g
 
 def _split(image: ImageArray, level: int) -> tuple[list[ImageArray], ImageArray]:
     """Split an image into what is fine along both axes, along beams, along ranges, and the rest: their sum."""
-    kernel = _spread_spline(level)
+    kernel = _spread_spline(level).astype(np.float32)  # sepFilter2D wants both of one type
     along_ranges = cv2.sepFilter2D(image, -1, ALONE, kernel)
     along_beams = cv2.sepFilter2D(image, -1, kernel, ALONE)
     rest = cv2.sepFilter2D(along_ranges, -1, kernel, ALONE)

@@ -2,6 +2,7 @@
 
 from asfm.commands.convert import convert_sequence
 from asfm.commands.demo import run_demo
+from asfm.commands.denoise import denoise_sources
 from asfm.commands.describe import describe_sequence
 from asfm.commands.evaluate import evaluate_folder
 from asfm.commands.report import RunSummary
@@ -12,6 +13,7 @@ from asfm.commands.view import view_folder
 __all__ = [
     "RunSummary",
     "convert_sequence",
+    "denoise_sources",
     "describe_sequence",
     "evaluate_folder",
     "run_demo",

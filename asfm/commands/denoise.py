@@ -1,0 +1,139 @@
+"""``asfm denoise``: how close several ways of denoising come to the image without noise."""
+
+from collections.abc import Callable, Iterator
+from collections.abc import Sequence as Names
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from asfm.commands.denoise_files import DENOISING, write_denoising
+from asfm.config import Config
+from asfm.errors import AsfmError
+from asfm.folders import atomic_folder
+from asfm.stages import Progress, no_progress
+from asfm.types import Frame, FrameTruth
+
+if TYPE_CHECKING:
+    from asfm.evaluation.denoising_table import Comparison, DenoisingTable
+
+DEFAULT_FRAMES = 2
+
+
+@dataclass(frozen=True)
+class Source:
+    """Frames with their truth."""
+
+    scene: str
+    """Name of the scene, or of the sequence."""
+    sonar: str
+    read: Callable[[int], tuple[Frame, FrameTruth]]
+    indices: tuple[int, ...]
+
+
+def denoise_sources(
+    sequences: Names[Path] = (),
+    scenes: Names[str] = (),
+    sonars: Names[str] = (),
+    frames: int = DEFAULT_FRAMES,
+    seed: int = 0,
+    config: Config | None = None,
+    output: Path | None = None,
+    overwrite: bool = False,
+    progress: Progress = no_progress,
+) -> "DenoisingTable":
+    """Compare the ways of denoising over sequences with truth, or over simulated scenes and sonars.
+
+    Args:
+        sequences: native folders with truth; none means to simulate.
+        scenes: names of scenes to simulate; all where none is given.
+        sonars: names of sonars to simulate; all where none is given.
+        frames: of each sequence, spread evenly; or of each scene and sonar, every one of another seed.
+        seed: of the first simulated frame.
+        config: settings of the mask.
+        output: folder for the table as CSV and JSON and for a picture.
+        overwrite: replace such a folder.
+        progress: told how many frames are compared.
+
+    Raises:
+        AsfmError: a sequence without truth, an unknown scene or sonar, images too small for SSIM, sequences together
+            with scenes or sonars, fewer than one frame, or the folder cannot be written.
+    """
+    if frames < 1:
+        raise AsfmError(f"expected at least one frame to denoise, found {frames}")
+    if sequences and (scenes or sonars):
+        raise AsfmError("expected sequences, or scenes and sonars to simulate, found both")
+    sources = [_open_source(path, frames) for path in sequences] if sequences else _plan(scenes, sonars, frames, seed)
+    if output is None:
+        return _compare(sources, config or Config(), progress)[0]
+    with atomic_folder(output, DENOISING, overwrite) as partial:
+        table, examples = _compare(sources, config or Config(), progress)
+        write_denoising(partial, table, examples)
+    return table
+
+
+def _open_source(path: Path, frames: int) -> Source:
+    from asfm.datasets import open_sequence, open_truth
+
+    sequence, truth = open_sequence(path), open_truth(path)
+    if truth is None:
+        raise AsfmError(f"{path}: expected a sequence with truth, found no truth folder: asfm simulate makes one")
+    read_truth, count = truth, min(frames, len(sequence))
+    indices = [(2 * number + 1) * len(sequence) // (2 * count) for number in range(count)]
+
+    def read(index: int) -> tuple[Frame, FrameTruth]:
+        return sequence.read_frame(index), read_truth(index)
+
+    return Source(str(path), sequence.sonar.name, read, tuple(indices))
+
+
+def _plan(scenes: Names[str], sonars: Names[str], frames: int, seed: int) -> list[Source]:
+    """List what is to be simulated, all names checked before the first is."""
+    from asfm.simulation.presets import PRESETS
+    from asfm.simulation.scenes import SCENES, find_scene
+    from asfm.simulation.simulate import find_sonar
+
+    scenes, sonars = tuple(dict.fromkeys(scenes)) or tuple(SCENES), tuple(dict.fromkeys(sonars)) or tuple(PRESETS)
+    for scene in scenes:
+        find_scene(scene)
+    for sonar in sonars:
+        find_sonar(sonar)
+    if seed < 0:
+        raise AsfmError(f"expected a seed of zero or more, found {seed}")
+    indices = tuple(range(seed, seed + frames))
+    return [Source(scene, sonar, _simulate_frames(scene, sonar), indices) for scene in scenes for sonar in sonars]
+
+
+def _simulate_frames(scene: str, sonar: str) -> Callable[[int], tuple[Frame, FrameTruth]]:
+    def read(seed: int) -> tuple[Frame, FrameTruth]:
+        from asfm.simulation.simulate import simulate
+
+        simulated = simulate(scene, sonar, 1, seed)
+        return replace(simulated.sequence.read_frame(0), index=seed), simulated.read_truth(0)
+
+    return read
+
+
+def _compare(
+    sources: list[Source], config: Config, progress: Progress
+) -> "tuple[DenoisingTable, dict[str, tuple[FrameTruth, Comparison]]]":
+    """Compare on all frames; give the table, and the first frame of each scene as an example."""
+    from asfm.evaluation.denoising_table import DenoisedFrame, DenoisingTable, compare_denoisers
+
+    rows: list[DenoisedFrame] = []
+    examples: dict[str, tuple[FrameTruth, Comparison]] = {}
+    total = sum(len(source.indices) for source in sources)
+    for done, (source, index) in enumerate(_walk(sources)):
+        progress("denoise", done, total)
+        frame, truth = source.read(index)
+        try:
+            comparison = compare_denoisers(frame, truth, config)
+        except AsfmError as error:
+            raise AsfmError(f"{source.scene}, frame {index}: {error}") from None
+        rows += comparison.rows(source.scene, source.sonar, index)
+        examples.setdefault(source.scene, (truth, comparison))
+    progress("denoise", total, total)
+    return DenoisingTable(tuple(rows)), examples
+
+
+def _walk(sources: list[Source]) -> Iterator[tuple[Source, int]]:
+    return ((source, index) for source in sources for index in source.indices)
