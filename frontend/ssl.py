@@ -16,8 +16,8 @@ from asfm.types import FloatArray, ImageArray
 
 WINDOW_PX = 7
 """Width of the windows whose similarities are averaged (less where the square is smaller)."""
-CHUNK_VALUES = 1 << 15
-"""Pixels of one step: as many squares at once as fit the cache, few enough for BLAS to stay on one thread."""
+CHUNK_PRODUCTS = 1 << 19
+"""Products of one step: as many squares at once as fit the cache, few enough for BLAS to stay on one thread."""
 STABILISERS = (0.01**2, 0.03**2)
 """C1 and C2 of the structural similarity for values in 0..1."""
 
@@ -89,7 +89,7 @@ _MEMORY = _Memory()
 def _compare(patches_a: Patches, patches_b: Patches, config: SslConfig, stretched: bool) -> FloatArray:
     loss = np.zeros(len(patches_a))
     length = patches_a.shape[-1]
-    chunk = max(CHUNK_VALUES // length**2, 1)
+    chunk = max(CHUNK_PRODUCTS // length**3, 1)
     _MEMORY.fit(length, min(chunk, len(loss)))
     for start in range(0, len(loss), chunk):
         part = slice(start, start + chunk)
@@ -140,9 +140,9 @@ def _structural_term(total: Columns, difference: Columns) -> FloatArray:
     sums[1] += 2 * STABILISERS[1] * (1 - 1 / max(_MEMORY.width, 2) ** 2)
     numerator = _MEMORY.pixels[: sums.size].reshape(sums.shape)
     np.subtract(sums, differences, out=numerator)
-    denominator = np.add(sums, differences, out=sums)
-    numerator /= denominator
+    sums += differences
     similarity = np.multiply(numerator[0], numerator[1], out=numerator[0])
+    similarity /= np.multiply(sums[0], sums[1], out=sums[0])
     return np.asarray(np.clip(0.5 - 0.5 * similarity.mean(axis=0), 0.0, 1.0))
 
 
@@ -177,6 +177,9 @@ def _check(patches_a: Patches, patches_b: Patches) -> None:
             f"structural-and-spatial loss: expected two stacks of equal squares, found {shape} and {patches_b.shape}"
         )
     for name, patches in (("first", patches_a), ("second", patches_b)):
-        if not np.isfinite(patches).all():
+        with np.errstate(over="ignore", invalid="ignore"):
+            total = patches.sum()
+        # The sum tells at once in all cases but those of enormous values.
+        if not np.isfinite(total) and not np.isfinite(patches).all():
             bad = int(np.flatnonzero(~np.isfinite(patches).all(axis=(1, 2)))[0])
             raise AsfmError(f"structural-and-spatial loss: square {bad} of the {name} frame holds pixels not finite")

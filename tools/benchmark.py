@@ -91,7 +91,7 @@ def compare_clusters(shape: tuple[int, int], seed: int) -> Comparison:
     return Comparison(title, partial(keep_clusters, detections, config), {"scikit-learn DBSCAN": with_sklearn}, 0.0)
 
 
-def compare_ssl(shape: tuple[int, int], seed: int, count: int = 500) -> Comparison:
+def compare_ssl(shape: tuple[int, int], seed: int, count: int = 1000) -> Comparison:
     """The structural term on all matches at once against scikit-image's SSIM called once a match."""
     from skimage.metrics import structural_similarity
 
