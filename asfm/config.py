@@ -60,9 +60,16 @@ class ClustersConfig(Section):
 
 
 class KeypointsConfig(Section):
-    """A-KAZE on the image stretched to near-square pixels."""
+    """Features of the image stretched to near-square pixels, or drawn as a fan."""
 
-    threshold: float = Field(default=1e-4, gt=0)
+    detector: Literal["akaze", "orb", "sift", "brisk"] = "akaze"
+    space: Literal["polar", "fan"] = "polar"
+    """The picture in which features are looked for; their coordinates are polar in either case."""
+    upright: bool = True
+    """Describe features without their direction: a sonar image shifts along the bearing when the vehicle turns.
+    BRISK cannot."""
+    threshold: float | None = Field(default=None, gt=0)
+    """In the detector's own unit; without one akaze takes 1e-4, sift 0.02, orb 5 and brisk 5."""
     smoothing_px: float = Field(default=2.0, ge=0)
     """Sigma of the Gaussian that calms the speckle before detection."""
     max_count: int = Field(default=500, ge=1)

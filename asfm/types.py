@@ -13,6 +13,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 ImageArray = NDArray[np.float32]
+Descriptors = NDArray[np.uint8] | NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -93,8 +94,8 @@ class Keypoints:
     """(K,)"""
     response: FloatArray
     """(K,) strength of the detector's response."""
-    descriptors: NDArray[np.uint8]
-    """(K, D) binary descriptors, compared by Hamming distance."""
+    descriptors: Descriptors
+    """(K, D) bytes of binary descriptors, compared by Hamming distance, or float32, compared by Euclidean distance."""
     patches: ImageArray
     """(K, 2r+1, 2r+1) squares of the stretched image around each keypoint, for the structural-and-spatial loss."""
 

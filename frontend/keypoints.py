@@ -1,85 +1,130 @@
-"""A-KAZE features inside the mask, found on the image stretched to near-square pixels."""
+"""Features inside the mask, with their places in the polar image and the squares around them."""
+
+from dataclasses import replace
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from asfm.config import Config, KeypointsConfig
+from asfm.errors import AsfmError
+from asfm.frontend.detectors import Features, find_features, no_features
+from asfm.frontend.image_space import ImageSpace, make_space
 from asfm.frontend.patches import cut_patches
 from asfm.sonar import SonarModel
 from asfm.types import BoolArray, Frame, ImageArray, Keypoints
 
 SMALLEST_PX = 16
-"""A-KAZE keeps features further than this from every border, and OpenCV's writes beyond images of one row or column."""
+"""Smaller images hold no feature that could be found again."""
+PADDING_PX = (0, 16)
+"""(rows, columns) by which the picture goes on mirrored, since detectors stay away from borders. The outer beams see
+the scene; the nearest and farthest rows hold more of the sonar's own noise."""
+SMALL_PX = 128
+SMALL_PADDING_PX = 32
+"""A side below SMALL_PX is padded by this: A-KAZE finds nothing within some 27 pixels of a border."""
+BRIGHT_PERCENTILE = 99.5
+KNEE = 0.6
+"""Echoes brighter than this share of the bright ones are compressed."""
 
 
 def detect_keypoints(frame: Frame, mask: BoolArray, sonar: SonarModel, config: Config) -> Keypoints:
     """Detect and describe features of one frame, strongest first.
 
-    Beams are coarser than range bins on most sonars; A-KAZE's diffusion assumes square pixels, so the bearing axis is
-    stretched first. Descriptors are upright: a sonar image does not turn in its own plane when the vehicle yaws, it
-    shifts. Coordinates are those of the polar image.
+    Beams are coarser than range bins on most sonars, and detectors assume square pixels: they look at the image
+    stretched along the bearing, or at the fan. Coordinates are those of the polar image, whichever it was.
 
     Args:
-        frame: image of shape (ranges, beams).
+        frame: image of shape (ranges, beams), of any gain; integers are taken for what they are.
         mask: (ranges, beams) where features may lie.
         sonar: the pixel grid.
         config: sections ``keypoints`` and ``ssl`` (radius of the squares) are read.
+
+    Raises:
+        AsfmError: image, mask and sonar differ in shape, or the image holds a value that is not finite.
     """
     settings = config.keypoints
-    stretch = column_stretch(sonar, settings)
-    height, width = frame.image.shape
-    if min(height, round(width * stretch)) < SMALLEST_PX:
-        return _no_keypoints(config.ssl.radius_px)
-    image = _stretch(_normalise_gain(frame.image, settings), stretch, cv2.INTER_LINEAR)
-    allowed = _stretch(mask.astype(np.uint8), stretch, cv2.INTER_NEAREST)
-    detector = cv2.AKAZE.create(cv2.AKAZE_DESCRIPTOR_MLDB_UPRIGHT, threshold=settings.threshold)
-    found, descriptors = detector.detectAndCompute((image * 255).astype(np.uint8), allowed)
-    if not found:
-        return _no_keypoints(config.ssl.radius_px)
-    response = np.array([keypoint.response for keypoint in found])
-    order = np.argsort(-response, kind="stable")[: settings.max_count]
-    xy_px = np.array([keypoint.pt for keypoint in found])[order] + 0.5
-    row_column = np.stack([xy_px[:, 1], xy_px[:, 0] * (width / image.shape[1])], axis=1)
+    image = _check(frame.image, mask)
+    if min(image.shape) < SMALLEST_PX:
+        return _no_keypoints(settings, config.ssl.radius_px)
+    space = _open_space(image, sonar, settings)
+    picture = space.draw(_even_gain(image, settings))
+    features = _find_padded(picture, space.draw_mask(mask), settings)
+    row_column = space.to_polar(features.xy_px)
     return Keypoints(
         row_column=row_column,
         range_m=sonar.range_at_row(row_column[:, 0]),
         bearing_rad=sonar.bearing_at_column(row_column[:, 1]),
-        response=response[order],
-        descriptors=descriptors[order],
-        patches=cut_patches(image, xy_px[:, ::-1], config.ssl.radius_px),
+        response=features.response,
+        descriptors=features.descriptors,
+        patches=cut_patches(picture, features.xy_px[:, ::-1], config.ssl.radius_px),
     )
 
 
-def column_stretch(sonar: SonarModel, settings: KeypointsConfig) -> float:
-    """Give the factor that makes a pixel at the middle range as wide as it is high, within 1..max_stretch."""
-    middle_m = 0.5 * (sonar.range_edges_m[0] + sonar.range_edges_m[-1])
-    return float(np.clip(middle_m * sonar.bearing_step_rad / sonar.range_step_m, 1.0, settings.max_stretch))
+def cut_squares(frame: Frame, keypoints: Keypoints, sonar: SonarModel, config: Config) -> Keypoints:
+    """Give keypoints found elsewhere the squares of the picture around them.
+
+    Raises:
+        AsfmError: image and sonar differ in shape, or the image or a place is not finite.
+    """
+    image = _check(frame.image, frame.invalid)
+    space = _open_space(image, sonar, config.keypoints)
+    picture = space.draw(_even_gain(image, config.keypoints))
+    xy_px = space.from_polar(keypoints.row_column)
+    return replace(keypoints, patches=cut_patches(picture, xy_px[:, ::-1], config.ssl.radius_px))
 
 
-def _normalise_gain(image: ImageArray, settings: KeypointsConfig) -> ImageArray:
-    """Smooth the speckle and scale the brightest echoes to 1, so that thresholds mean the same for every gain."""
-    brightest = float(np.percentile(image, 99.5))
+def _find_padded(picture: ImageArray, allowed: NDArray[np.uint8], settings: KeypointsConfig) -> Features:
+    """Find features of a picture that goes on mirrored beyond its borders, and take the borders off again."""
+    sides = zip(picture.shape, PADDING_PX, strict=True)
+    rows, columns = (SMALL_PADDING_PX if length < SMALL_PX else usual for length, usual in sides)
+    border = (rows, rows, columns, columns)
+    grey = cv2.copyMakeBorder((picture * 255).astype(np.uint8), *border, cv2.BORDER_REFLECT)
+    padded = cv2.copyMakeBorder(allowed, *border, cv2.BORDER_CONSTANT, value=0)
+    features = find_features(grey, padded, settings)
+    return replace(features, xy_px=np.clip(features.xy_px - (columns, rows), 0, picture.shape[::-1]))
+
+
+def _even_gain(image: ImageArray, settings: KeypointsConfig) -> ImageArray:
+    """Smooth the speckle and scale the brightest echoes towards 1, so that thresholds mean the same for every gain.
+
+    Above the knee the scale bends and never ends: echoes cut off flat would have no place.
+    """
+    brightest = float(np.percentile(image, BRIGHT_PERCENTILE))
     if brightest <= 0:
-        brightest = float(image.max()) or 1.0
-    scaled = np.clip(image / np.float32(brightest), 0, 1)
+        brightest = float(image.max())
+    scaled = image / np.float32(brightest if brightest > 0 else 1)
     if settings.smoothing_px > 0:
         scaled = cv2.GaussianBlur(scaled, (0, 0), settings.smoothing_px)
-    return np.asarray(scaled, dtype=np.float32)
+    over, room = np.maximum(scaled - np.float32(KNEE), 0), np.float32(1 - KNEE)
+    return np.asarray(np.clip(scaled, 0, KNEE) + room * over / (over + room), dtype=np.float32)
 
 
-def _stretch(image: ImageArray, stretch: float, interpolation: int) -> ImageArray:
-    width = round(image.shape[1] * stretch)
-    return np.asarray(cv2.resize(image, (width, image.shape[0]), interpolation=interpolation))
+def _check(image: ImageArray, mask: BoolArray) -> ImageArray:
+    if image.ndim != 2 or mask.shape != image.shape:
+        raise AsfmError(
+            f"keypoints: expected an image (ranges, beams) and a mask of the same shape, "
+            f"found {image.shape} and {mask.shape}"
+        )
+    values = np.asarray(image, dtype=np.float32)
+    if not np.isfinite(values).all():
+        row, column = np.argwhere(~np.isfinite(values))[0]
+        raise AsfmError(f"keypoints: expected a finite image, found {image[row, column]} in row {row}, column {column}")
+    return values
 
 
-def _no_keypoints(radius_px: int) -> Keypoints:
-    nothing = np.zeros(0)
-    width = 2 * radius_px + 1
+def _open_space(image: ImageArray, sonar: SonarModel, settings: KeypointsConfig) -> ImageSpace:
+    if image.shape != sonar.shape:
+        raise AsfmError(f"keypoints: expected an image of the sonar's {sonar.shape} pixels, found {image.shape}")
+    return make_space(sonar, settings)
+
+
+def _no_keypoints(settings: KeypointsConfig, radius_px: int) -> Keypoints:
+    nothing, width = no_features(settings), 2 * radius_px + 1
     return Keypoints(
-        row_column=np.zeros((0, 2)),
-        range_m=nothing,
-        bearing_rad=nothing,
-        response=nothing,
-        descriptors=np.zeros((0, 61), dtype=np.uint8),
+        row_column=nothing.xy_px,
+        range_m=np.zeros(0),
+        bearing_rad=np.zeros(0),
+        response=nothing.response,
+        descriptors=nothing.descriptors,
         patches=np.zeros((0, width, width), dtype=np.float32),
     )

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from asfm.config import Config, KeypointsConfig
-from asfm.frontend.keypoints import column_stretch, detect_keypoints
+from asfm.errors import AsfmError
+from asfm.frontend.image_space import column_stretch
+from asfm.frontend.keypoints import cut_squares, detect_keypoints
 from asfm.sonar import SonarModel
 from asfm.types import BoolArray, FloatArray, Frame, ImageArray, Keypoints
 
@@ -201,18 +203,23 @@ def test_a_lone_bright_pixel_does_not_hurt() -> None:
 SMALL_IMAGES = """
 import numpy as np
 from asfm.config import Config
-from asfm.frontend.keypoints import detect_keypoints
+from asfm.frontend.keypoints import cut_squares, detect_keypoints
 from asfm.sonar import SonarModel
 from asfm.types import Frame
 
-lengths = (0, 1, 2, 3, 5, 9, 50)
+lengths = (0, 1, 2, 3, 5, 9, 15, 16, 50)
 rng = np.random.default_rng(0)
+detectors, spaces = ("akaze", "orb", "sift", "brisk"), ("polar", "fan")
+configs = [Config(keypoints={"detector": d, "space": s}) for d in detectors for s in spaces]
 for shape in [(rows, columns) for rows in lengths for columns in lengths] + [(1, 400), (400, 1), (2, 400), (400, 2)]:
     sonar = SonarModel.evenly_spaced("small", (1.0, 3.0), (-0.5, 0.5), (max(shape[0], 2), max(shape[1], 2)), 0.3)
     for image in (np.zeros(shape), np.ones(shape), rng.random(shape), rng.random(shape)):
         frame = Frame(0, 0.0, image.astype(np.float32), np.zeros(shape, bool))
-        found = detect_keypoints(frame, np.ones(shape, bool), sonar, Config())
-        assert len(found) == 0 and found.descriptors.shape == (0, 61) and found.patches.shape == (0, 15, 15), shape
+        for config in configs:
+            found = detect_keypoints(frame, np.ones(shape, bool), sonar, config)
+            assert len(found) == 0 or min(shape) >= 16, shape
+            assert found.patches.shape == (len(found), 15, 15), shape
+            assert np.isfinite(found.row_column).all() and (found.row_column <= shape).all(), shape
 """
 
 
@@ -220,3 +227,43 @@ def test_images_too_small_for_a_feature_have_none() -> None:
     """In a process of its own: OpenCV writes beyond such images, which may end it."""
     done = subprocess.run([sys.executable, "-c", SMALL_IMAGES], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("columns", [30, 40, 60])
+def test_small_images_and_outer_beams_have_features_where_a_larger_image_has_them(columns: int) -> None:
+    """A-KAZE by itself finds nothing within some 27 pixels of a border."""
+    whole, part = make_sonar(20), make_sonar(20 * columns / 120, (60, columns))
+    image = draw_debris(3)
+    everywhere = detect(image, whole).row_column
+    image[:90] = image[150:] = 0
+    begin = 60 - columns // 2
+    found = detect(np.ascontiguousarray(image[90:150, begin : begin + columns]), part).row_column
+    assert len(found) >= 5
+    nearest_px = np.linalg.norm(found[:, None] + np.array([90, begin]) - everywhere, axis=2).min(axis=1)
+    assert np.median(nearest_px) < 1.0
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_a_value_that_is_not_finite_is_refused(value: float) -> None:
+    image = draw_debris()
+    image[7, 11] = value
+    with pytest.raises(AsfmError, match="row 7, column 11"):
+        detect(image, SONARS["wide beams"])
+
+
+def test_shapes_that_disagree_are_refused() -> None:
+    image, sonar = draw_debris(), SONARS["wide beams"]
+    with pytest.raises(AsfmError, match="mask of the same shape"):
+        detect(image, sonar, np.ones((3, 3), dtype=bool))
+    with pytest.raises(AsfmError, match=r"sonar's \(240, 120\)"):
+        detect(image[:200], sonar)
+
+
+def test_squares_of_given_keypoints_are_those_of_found_ones() -> None:
+    image, sonar = draw_debris(), SONARS["wide beams"]
+    for space in ("polar", "fan"):
+        config = Config.model_validate({"keypoints": {"space": space}})
+        found = detect(image, sonar, config=config)
+        given = cut_squares(frame_of(image), found.without_patches(), sonar, config)
+        same = (given.patches == found.patches).all(axis=(1, 2))
+        assert same.mean() > 0.97, "but for those between two pixels"
