@@ -7,8 +7,6 @@ over a disc, and what a core reaches is a dilation with that disc.
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse import csgraph
 
 from asfm.config import ClustersConfig
 from asfm.errors import AsfmError
@@ -64,13 +62,13 @@ def label_clusters(detections: BoolArray, config: ClustersConfig) -> IntArray:
     label = _number_by_first(_connect(cores, disc, config.radius_px, where))
     # A dilation takes the greatest of its neighbourhood, so let the first cluster weigh most.
     count = int(label.max()) + 1
-    weight = np.zeros(detections.shape, dtype=np.float32)
+    weight = np.zeros(detections.shape, dtype=np.uint16 if count < 2**16 else np.float32)
     weight.ravel()[where] = count - label
     reached = cv2.dilate(weight, disc).ravel()
     found = np.flatnonzero(detections)
-    found = found[reached[found] > 0]
+    own = reached.take(found).astype(np.int64)
     labels = np.full(detections.shape, -1, dtype=np.int64)
-    labels.ravel()[found] = count - reached[found].astype(np.int64)
+    labels.ravel()[found] = np.where(own > 0, count - own, -1)
     return labels
 
 
@@ -103,12 +101,10 @@ def _connect(cores: BoolArray, disc: Disc, radius_px: float, where: IntArray) ->
         return np.arange(len(where))
     adjacency = 8 if radius_px**2 >= 2 else 4
     count, names = cv2.connectedComponents(cores.view(np.uint8), connectivity=adjacency, ltype=cv2.CV_32S)
-    own_names: IntArray = names.ravel()[where].astype(np.int64)
-    if radius_px < 2:
+    own_names: IntArray = names.ravel().take(where).astype(np.int64)
+    if radius_px < 2 or count == 2:  # the first name is that of what is no core
         return own_names
-    own, other = _pair_sets(cores, names, disc)
-    graph = sparse.coo_array((np.ones(len(own), dtype=np.int8), (own, other)), shape=(count, count))
-    return np.asarray(csgraph.connected_components(graph, directed=False)[1][own_names])
+    return np.asarray(_join(*_pair_sets(cores, names, disc), count).take(own_names))
 
 
 def _pair_sets(cores: BoolArray, names: NDArray[np.int32], disc: Disc) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
@@ -118,25 +114,45 @@ def _pair_sets(cores: BoolArray, names: NDArray[np.int32], disc: Disc) -> tuple[
     only the rims of the sets need to look around, and half the disc is enough.
     """
     surrounded = cv2.erode(cores.view(np.uint8), np.ones((3, 3), dtype=np.uint8)).view(np.bool_)
-    rim = np.flatnonzero(cores & ~surrounded)
+    rim = np.flatnonzero(cores > surrounded)
     half_rows, half_columns = (length // 2 for length in disc.shape)
-    padded = np.pad(names, ((0, half_rows), (half_columns, half_columns)))
+    padded = cv2.copyMakeBorder(names, 0, half_rows, half_columns, half_columns, cv2.BORDER_CONSTANT)
     stride = padded.shape[1]
-    here = rim // cores.shape[1] * stride + rim % cores.shape[1] + half_columns
-    own = names.ravel()[rim]
+    here = rim + rim // cores.shape[1] * (2 * half_columns) + half_columns
+    offsets = np.argwhere(disc[half_rows:]) - (0, half_columns)
+    offsets = offsets[(offsets[:, 0] > 0) | (offsets[:, 1] > 1)]
+    own = names.ravel().take(rim)
     pairs = [(own[:0], own[:0])]
-    for row, column in np.argwhere(disc[half_rows:]) - (0, half_columns):
-        if row > 0 or column > 1:
-            other = padded.ravel().take(here + (row * stride + column))
-            apart = (other > 0) & (other != own)
-            pairs.append((own[apart], other[apart]))
+    for row, column in offsets:
+        other = padded.ravel().take(here + (row * stride + column))
+        apart = np.flatnonzero((other != own) & (other > 0))
+        pairs.append((own.take(apart), other.take(apart)))
     return np.concatenate([a for a, _ in pairs]), np.concatenate([b for _, b in pairs])
+
+
+def _join(own: NDArray[np.integer], other: NDArray[np.integer], count: int) -> IntArray:
+    """Give all of ``count`` sets that pairs of (N,) names join the least name among them. (count,).
+
+    Every set hooks onto one before it that it meets, and follows the hooks to their end; pairs that still differ go on.
+    """
+    name = np.arange(count)
+    while len(own):
+        name[np.maximum(own, other)] = np.minimum(own, other)
+        while True:
+            further = name.take(name)
+            if np.array_equal(further, name):
+                break
+            name = further
+        own, other = name.take(own), name.take(other)
+        apart = own != other
+        own, other = own[apart], other[apart]
+    return name
 
 
 def _number_by_first(names: IntArray) -> IntArray:
     """Renumber (N,) names, 0 or more, as 0, 1, 2 ... in the order of their first appearance. (N,)."""
     first = np.full(int(names.max()) + 1, len(names))
-    np.minimum.at(first, names, np.arange(len(names)))
+    first[names[::-1]] = np.arange(len(names))[::-1]  # of equal indices the last one counts
     number = np.empty(len(first), dtype=np.int64)
     number[np.argsort(first)] = np.arange(len(first))
     return np.asarray(number[names])

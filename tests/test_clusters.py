@@ -86,3 +86,23 @@ def test_masks_that_cover_nothing_or_everything_have_an_answer(shape: tuple[int,
 def test_a_mask_of_another_rank_is_refused(stage: Callable[[BoolArray, ClustersConfig], object]) -> None:
     with pytest.raises(AsfmError, match="shape"):
         stage(np.zeros(5, dtype=bool), ClustersConfig())
+
+
+def test_more_clusters_than_sixteen_bits_count() -> None:
+    mask = np.ones((300, 300), dtype=bool)
+    labels = label_clusters(mask, ClustersConfig(radius_px=0.5, min_pixels=1))
+    np.testing.assert_array_equal(labels.ravel(), np.arange(mask.size))
+
+
+def test_a_chain_of_many_clusters_is_one() -> None:
+    """Dots in a spiral of steps of three pixels: no two are adjacent, and names meet in no order."""
+    mask = np.zeros((61, 61), dtype=bool)
+    row, column, ahead = 30, 30, (0, 3)
+    for length in range(1, 20):
+        for _ in range(length // 2 + 1):
+            mask[row, column] = True
+            row, column = row + ahead[0], column + ahead[1]
+        ahead = (ahead[1], -ahead[0])
+    config = ClustersConfig(radius_px=3.0, min_pixels=2)
+    assert set(label_clusters(mask, config)[mask].tolist()) == {0}
+    np.testing.assert_array_equal(label_clusters(mask, config), dbscan(mask, config))
