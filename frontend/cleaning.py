@@ -7,12 +7,12 @@ from scipy.special import gamma, gammainc
 from asfm.config import Config
 from asfm.frontend.clusters import keep_clusters
 from asfm.frontend.denoising import detect_mask
-from asfm.frontend.noise import estimate_noise, smooth_echoes
+from asfm.frontend.noise import ECHO_SIGMA_PX, ImageNoise, estimate_noise, smooth_echoes
 from asfm.frontend.shrinkage import shrink_noise
 from asfm.types import BoolArray, FloatArray, Frame, ImageArray
 
-FLOOR_FACTOR = 1.5
-"""What is an echo, over the background's mean, once the speckle is calmed: some four sigmas."""
+LEAST_SIGMAS, LEAST_FACTOR = 5.0, 1.5
+"""How far an echo stands out of the background's mean once the speckle is calmed: whichever is more."""
 EDGE_PX = 1
 FILL_PX = 31
 DARKEST = 1e-12
@@ -38,12 +38,18 @@ def clean_image(frame: Frame, config: Config) -> ImageArray:
     image = _fill_gaps(frame.amplitude, valid)
     noise = estimate_noise(image, valid)
     smooth = smooth_echoes(image)
-    mask = keep_clusters((smooth > FLOOR_FACTOR * noise.floor) & valid, config.clusters)
+    mask = keep_clusters((smooth > _find_limit(noise)) & valid, config.clusters)
     mask = cv2.dilate(mask.view(np.uint8), np.ones((2 * EDGE_PX + 1, 2 * EDGE_PX + 1), np.uint8)).view(bool)
     mask = (mask | detect_mask(frame, config)) & valid
     calm = shrink_noise(image, smooth - noise.floor, noise) - noise.floor
     cleaned = np.where(mask, _undo_saturation(np.clip(calm, 0, 1), noise.contrast), 0)
     return _rescale(np.asarray(cleaned, dtype=np.float32), mask, frame.decibel_span)
+
+
+def _find_limit(noise: ImageNoise) -> ImageArray:
+    """Give the value above which a smoothed pixel is an echo: (ranges, 1)."""
+    sigma = np.sqrt(noise.background_variance) / (2 * np.sqrt(np.pi) * ECHO_SIGMA_PX)  # what a Gaussian leaves of it
+    return np.asarray(np.maximum(noise.floor + LEAST_SIGMAS * sigma, LEAST_FACTOR * noise.floor), dtype=np.float32)
 
 
 def _fill_gaps(image: ImageArray, valid: BoolArray) -> ImageArray:
