@@ -25,6 +25,9 @@ ITERATIONS_BETWEEN_CHECKS = 4
 MAX_CHECKS = 15
 VAGUE_SHARES = (10.0, 1.0, 0.3)
 """Sigmas of vague priors on points, over their distance: the vaguest with which GTSAM can factorise is taken."""
+LOST_RAD = 0.2
+"""How far outside the aperture a point counts as lost."""
+SMALLEST_RANGE_M = 1e-3
 APERTURE_EDGE_RAD = 0.01
 """Standard deviation of the elevation beyond the edge of the aperture: beams do not end sharply."""
 
@@ -121,7 +124,7 @@ def _marginalise(bundle: Bundle) -> gtsam.Marginals:
         except RuntimeError:
             graph = bundle.graph.clone()
             for index in np.flatnonzero(bundle.in_graph).tolist():
-                noise = gtsam.noiseModel.Isotropic.Sigma(3, vagueness * max(float(reach_m[index]), 1e-3))
+                noise = gtsam.noiseModel.Isotropic.Sigma(3, vagueness * max(float(reach_m[index]), SMALLEST_RANGE_M))
                 graph.add(gtsam.PriorFactorPoint3(FIRST_POINT + index, bundle.xyz_m[index], noise))
     return gtsam.Marginals(graph, bundle.values)
 
@@ -182,14 +185,20 @@ def _add_beam_knowledge(
 ) -> None:
     """State once a point that it lies in the beam: a uniform elevation has the sigma half aperture / sqrt(3).
 
-    The factors rest at the optimum, so they tell covariances and move nothing.
+    The factors rest at the optimum, so they tell covariances and move nothing. A point that has left the beam all the
+    same, maybe to where elevations are singular, is told instead that it lies within its range of where it is.
     """
     used = np.flatnonzero(problem.observed)
     last = used[np.flatnonzero(np.diff(problem.tracks.track[used], append=-1))]
     chosen = np.zeros(len(problem.tracks), dtype=bool)
     chosen[last] = True
     elevation_rad = _see_elevations(problem, world_from_vehicle, xyz_m)
-    _add_elevation_factors(graph, problem, chosen, elevation_rad, problem.half_aperture_rad / np.sqrt(3))
+    inside = np.abs(elevation_rad) <= problem.half_aperture_rad + LOST_RAD
+    _add_elevation_factors(graph, problem, chosen & inside, elevation_rad, problem.half_aperture_rad / np.sqrt(3))
+    for index in np.flatnonzero(chosen & ~inside).tolist():
+        noise = gtsam.noiseModel.Isotropic.Sigma(3, max(float(problem.tracks.range_m[index]), SMALLEST_RANGE_M))
+        track = int(problem.tracks.track[index])
+        graph.add(gtsam.PriorFactorPoint3(FIRST_POINT + track, xyz_m[track], noise))
 
 
 def _see_elevations(problem: BundleProblem, world_from_vehicle: FloatArray, xyz_m: FloatArray) -> FloatArray:

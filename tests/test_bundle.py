@@ -2,11 +2,19 @@
 
 from dataclasses import dataclass, replace
 
+import gtsam
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asfm.backend.bundle import Bundle, BundleProblem, adjust_bundle, landmark_covariances
+from asfm.backend.bundle import (
+    FIRST_POINT,
+    Bundle,
+    BundleProblem,
+    _add_beam_knowledge,
+    adjust_bundle,
+    landmark_covariances,
+)
 from asfm.backend.sensors import SensorConstraints
 from asfm.poses import invert, make_pose, transform
 from asfm.sonar import SonarModel, back_project, project
@@ -209,6 +217,22 @@ def test_points_without_observations_keep_their_place() -> None:
     np.testing.assert_array_equal(bundle.in_graph, np.arange(20) % 2 == 0)
     np.testing.assert_array_equal(bundle.xyz_m[1::2], world.start_xyz_m[1::2])
     assert np.isfinite(landmark_covariances(bundle)[::2]).all()
+
+
+def test_a_point_lost_above_the_sonar_leaves_the_covariances_finite() -> None:
+    world = make_world(0)
+    xyz_m = world.xyz_m.copy()
+    bundle = _solve(world)
+    tracks = world.problem.tracks
+    last = np.flatnonzero(tracks.track == 3)[-1]
+    above_m = back_project(tracks.range_m[last], tracks.bearing_rad[last], np.pi / 2 - 1e-5)  # elevations are singular
+    xyz_m[3] = transform(bundle.world_from_vehicle[tracks.frame[last]] @ LEVER_ARM, above_m)
+    graph = gtsam.NonlinearFactorGraph()
+    _add_beam_knowledge(graph, world.problem, bundle.world_from_vehicle, xyz_m)
+    values = gtsam.Values(bundle.values)
+    values.update(FIRST_POINT + 3, xyz_m[3])
+    information, _ = graph.linearize(values).hessian()
+    assert np.abs(information).max() < 1e9
 
 
 def test_same_input_same_bytes() -> None:
