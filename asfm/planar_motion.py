@@ -36,7 +36,7 @@ def agree_on_planar_motion(
     tolerance_m = np.asarray(tolerance_m, dtype=float)
     turn, shift = _fit(a[picks], b[picks])
     distance = _distances(a, b, turn, shift) / tolerance_m
-    best = int(np.argmin((np.minimum(distance, 1.0) ** 2).sum(axis=1)))
+    best = int(np.argmin((np.where(distance < 1, distance, 1.0) ** 2).sum(axis=1)))
     agrees = distance[best] < 1
     refit = turn[best], shift[best]
     for _ in range(REFITS):

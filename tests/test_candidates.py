@@ -2,12 +2,16 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from asfm.config import Config, MatchingConfig, SslConfig
-from asfm.frontend.candidates import match_frames, match_with_previous
+from asfm.frontend.candidates import match_frames, match_pairs, match_with_previous
+from asfm.frontend.gating import PredictedPoses
 from asfm.frontend.matching import match_keypoints
 from asfm.frontend.ssl import structural_spatial_loss
-from asfm.types import IntArray, Keypoints
+from asfm.poses import make_pose, transform
+from asfm.sonar import SonarModel, back_project, project
+from asfm.types import FloatArray, IntArray, Keypoints, Matches
 
 COUNT, WIDTH = 30, 15
 
@@ -85,3 +89,64 @@ def test_frames_without_keypoints_have_empty_matches() -> None:
 
 def test_other_scenes_share_next_to_nothing() -> None:
     assert len(match_frames(0, 1, [sight(0, 1), sight(7, 2)], Config())) == 0
+
+
+def test_pairs_that_somebody_names_are_matched() -> None:
+    keypoints = [sight(0, order) for order in range(5)]
+    found = match_pairs([(0, 4), (3, 1)], keypoints, Config())
+    assert [(match.frame_a, match.frame_b, len(match)) for match in found] == [(0, 4, COUNT), (3, 1, COUNT)]
+
+
+SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (600, 256), 0.2)
+B_FROM_A = make_pose(np.array([0.1, -0.2, 0.0]), Rotation.from_euler("z", 0.1))
+"""Frame b's sonar is the world, so that frame a's pose is the relative one."""
+
+
+def views(seed: int, alike: int) -> list[Keypoints]:
+    """Points of a scene in two frames; of each some number, in other places, look alike."""
+    rng = np.random.default_rng(seed)
+    points = back_project(rng.uniform(2, 8, COUNT), rng.uniform(-0.5, 0.5, COUNT), rng.uniform(-0.09, 0.09, COUNT))
+    descriptors = rng.integers(0, 256, (COUNT, 61), dtype=np.uint8)[np.arange(COUNT) // alike]
+    patches = rng.random((COUNT, WIDTH, WIDTH)).astype(np.float32)[np.arange(COUNT) // alike]
+    found = []
+    for xyz_m in (points, transform(B_FROM_A, points)):
+        noisy = descriptors ^ np.packbits(rng.random((COUNT, 488)) < 0.03, axis=1)
+        range_m, bearing_rad, _ = project(xyz_m)
+        place = np.zeros((COUNT, 2))
+        found.append(Keypoints(place, range_m, bearing_rad, np.ones(COUNT), noisy, patches))
+    return found
+
+
+def predict(a_pose: FloatArray) -> PredictedPoses:
+    return PredictedPoses(np.stack([a_pose, np.eye(4)]), 0.005, 0.02)
+
+
+def right(matches: Matches) -> int:
+    return int((matches.index[:, 0] == matches.index[:, 1]).sum())
+
+
+def test_a_prediction_tells_points_apart_that_look_alike() -> None:
+    keypoints = views(1, alike=3)
+    free = match_frames(0, 1, keypoints, Config(), SONAR)
+    guided = match_frames(0, 1, keypoints, Config(), SONAR, predict(B_FROM_A))
+    assert right(guided) > 0.85 * COUNT > 0.5 * COUNT > right(free)
+    assert right(guided) == len(guided)
+
+
+def test_a_prediction_that_the_images_contradict_is_not_believed() -> None:
+    keypoints = views(2, alike=1)
+    elsewhere = make_pose(np.array([1.5, 1.0, 0.0]), Rotation.from_euler("z", -0.5))
+    found = match_frames(0, 1, keypoints, Config(), SONAR, predict(elsewhere))
+    assert right(found) == len(found) > 0.9 * COUNT
+
+
+def test_guidance_can_be_switched_off() -> None:
+    keypoints = views(1, alike=3)
+    config = Config(matching=MatchingConfig(guided=False))
+    free = match_frames(0, 1, keypoints, config, SONAR, predict(B_FROM_A))
+    assert right(free) < 0.5 * COUNT
+
+
+def test_nothing_seen_is_no_match_with_a_prediction_too() -> None:
+    for pair in ([nothing_seen(), views(1, 1)[1]], [views(1, 1)[0], nothing_seen()]):
+        assert len(match_frames(0, 1, pair, Config(), SONAR, predict(B_FROM_A))) == 0

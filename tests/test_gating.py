@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from asfm.evaluation.arcs import fits_arc
-from asfm.frontend.gating import arc_residuals
+from asfm.frontend.gating import PredictedPoses, arc_residuals, near_arcs
 from asfm.poses import make_pose, transform
 from asfm.sonar import SonarModel, back_project, project
 from asfm.types import FloatArray
@@ -124,3 +124,43 @@ def test_points_outside_the_aperture_are_off_the_arc() -> None:
 def test_no_matches_have_no_residuals() -> None:
     nothing = np.zeros((0, 2))
     assert arc_residuals(SONAR, np.zeros((0, 4, 4)), nothing, nothing, SIGMA).shape == (0,)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_whoever_is_near_the_arc_is_near_its_box(seed: int) -> None:
+    """The quick test may let too many pass, and never loses one that the exact gate keeps."""
+    rng = np.random.default_rng(seed)
+    b_from_a = small_motions(rng, 1)
+    _, pixel_a, _ = scene(rng, 40)
+    _, pixel_b, _ = scene(rng, 50)
+    reach = np.tile(3 * SIGMA, (40, 1))
+    near = near_arcs(SONAR, b_from_a[0], pixel_a, pixel_b, reach)
+    a, b = (index.ravel() for index in np.indices((40, 50)))
+    residual = arc_residuals(SONAR, b_from_a.repeat(2000, 0), pixel_a[a], pixel_b[b], SIGMA)
+    assert near.ravel()[residual < 2.9].all()
+    assert 0 < near.mean() < 0.2
+
+
+def test_a_prediction_is_less_sure_over_larger_gaps_and_at_short_range() -> None:
+    poses = make_pose(np.zeros((9, 3)), Rotation.identity(9))
+    predicted = PredictedPoses(poses, step_rotation_rad=0.01, step_translation_m=0.03)
+    range_m = np.array([1.0, 6.0])
+    none, one, four = (predicted.spread(0, gap, range_m, SIGMA) for gap in (0, 1, 4))
+    np.testing.assert_allclose(none, np.tile(SIGMA, (2, 1)))
+    np.testing.assert_allclose(four**2 - none**2, 4 * (one**2 - none**2))
+    np.testing.assert_allclose(one[:, 0], np.hypot(0.03, SIGMA[0]))
+    assert one[0, 1] > one[1, 1] > SIGMA[1]
+
+
+def test_points_drift_as_far_as_the_prediction_says() -> None:
+    """Random errors of the steps move points by the stated sigmas, elevation near zero."""
+    rng = np.random.default_rng(5)
+    turns = Rotation.from_rotvec(rng.normal(0, 0.01, (16000, 3)))
+    steps = make_pose(rng.normal(0, 0.03, (16000, 3)), turns).reshape(4000, 4, 4, 4)
+    point = back_project(np.array(4.0), np.array(0.3), 0.0)
+    moved = np.tile(point, (4000, 1))
+    for step in range(4):
+        moved = transform(steps[:, step], moved)
+    predicted = PredictedPoses(np.eye(4)[None].repeat(5, 0), 0.01, 0.03)
+    stated = predicted.spread(0, 4, np.array([4.0]), np.zeros(2))[0]
+    np.testing.assert_allclose((pixels(moved) - [4.0, 0.3]).std(axis=0), stated, rtol=0.05)

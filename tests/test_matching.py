@@ -1,4 +1,4 @@
-"""Hamming matching against OpenCV's brute-force matcher and against counting bits one by one."""
+"""Nearest descriptors against OpenCV's brute-force matcher and against counting bits one by one."""
 
 import cv2
 import numpy as np
@@ -8,13 +8,15 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from asfm.config import MatchingConfig
-from asfm.frontend.matching import hamming_distances, match_keypoints
+from asfm.errors import AsfmError
+from asfm.frontend.matching import descriptor_distances, find_nearest, hamming_distances, match_keypoints
 from asfm.types import Keypoints
 
 Descriptors = NDArray[np.uint8]
+Vectors = NDArray[np.float32]
 
 
-def keypoints_of(descriptors: Descriptors) -> Keypoints:
+def keypoints_of(descriptors: Descriptors | Vectors) -> Keypoints:
     count = len(descriptors)
     nothing = np.zeros(count)
     return Keypoints(
@@ -56,19 +58,21 @@ def test_descriptors_need_not_be_contiguous() -> None:
     )
 
 
-def match_with_opencv(a: Descriptors, b: Descriptors, ratio: float) -> dict[tuple[int, int], float]:
+def match_with_opencv(
+    a: Descriptors | Vectors, b: Descriptors | Vectors, ratio: float, norm: int = cv2.NORM_HAMMING
+) -> dict[tuple[int, int], float]:
     """Ratio test and mutual test with OpenCV's matcher."""
-    matcher = cv2.BFMatcher(cv2.NORM_HAMMING)
+    matcher = cv2.BFMatcher(norm)
     back = {match.queryIdx: match.trainIdx for match in matcher.match(b, a)}
     found = {}
     for first, second in matcher.knnMatch(a, b, k=2):
-        value = first.distance / max(second.distance, 1.0)
+        value = first.distance / second.distance if second.distance > 0 else 1.0
         if value <= ratio and back[first.trainIdx] == first.queryIdx:
             found[first.queryIdx, first.trainIdx] = value
     return found
 
 
-def ours(a: Descriptors, b: Descriptors, ratio: float) -> dict[tuple[int, int], float]:
+def ours(a: Descriptors | Vectors, b: Descriptors | Vectors, ratio: float) -> dict[tuple[int, int], float]:
     index, value = match_keypoints(keypoints_of(a), keypoints_of(b), MatchingConfig(ratio=ratio))
     assert index.dtype == np.int64 and index.shape == (len(value), 2)
     return dict(zip(map(tuple, index.tolist()), value.tolist(), strict=True))
@@ -117,3 +121,80 @@ def test_a_second_as_near_as_the_first_is_no_match() -> None:
 def test_too_few_to_compare_are_no_matches(count_a: int, count_b: int) -> None:
     rng = np.random.default_rng(7)
     assert ours(random_descriptors(rng, count_a), random_descriptors(rng, count_b), 1.0) == {}
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(2, 40), st.integers(2, 40), st.sampled_from([0.7, 0.9, 1.0]), st.integers(0, 2**32 - 1))
+def test_float_descriptors_are_compared_by_euclidean_distance(
+    count_a: int, count_b: int, ratio: float, seed: int
+) -> None:
+    """SIFT's: the ratio is that of distances, not of their squares."""
+    rng = np.random.default_rng(seed)
+    a = (255 * rng.random((count_a, 128))).astype(np.float32)
+    b = np.concatenate(
+        [a[: count_b // 2] + rng.normal(0, 60, a[: count_b // 2].shape), 255 * rng.random((count_b, 128))]
+    )
+    b = b[:count_b][rng.permutation(count_b)].astype(np.float32)
+    expected = match_with_opencv(a, b, ratio, cv2.NORM_L2)
+    assert ours(a, b, ratio) == pytest.approx(expected, rel=1e-4)
+
+
+def test_large_float_descriptors_lose_no_digits() -> None:
+    rng = np.random.default_rng(8)
+    a = (1000 + rng.random((20, 64))).astype(np.float32)
+    expected = np.linalg.norm(a[:, None].astype(float) - a[None].astype(float), axis=-1)
+    np.testing.assert_allclose(descriptor_distances(a, a), expected, atol=1e-3)
+
+
+def test_identical_descriptors_are_nobody_s_match() -> None:
+    """Nearest and second nearest at distance zero say nothing of which is right."""
+    same = np.zeros((5, 61), dtype=np.uint8)
+    assert ours(same, same, 0.99) == {}
+    nearest = find_nearest(keypoints_of(same), keypoints_of(same))
+    assert nearest.ratio.tolist() == [1.0] * 5
+
+
+def test_descriptors_that_are_not_finite_are_nobody_s_match() -> None:
+    rng = np.random.default_rng(9)
+    a = rng.random((12, 32)).astype(np.float32)
+    b = a.copy()
+    a[3], b[5, 7] = np.nan, np.inf
+    found = ours(a, b, 0.9)
+    assert found.keys() == {(index, index) for index in range(12) if index not in (3, 5)}
+    assert ours(np.full_like(a, np.nan), b, 1.0) == {}
+
+
+@pytest.mark.parametrize(
+    ("other", "found"), [(np.zeros((4, 32), dtype=np.uint8), "length 32"), (np.zeros((4, 61), np.float32), "float32")]
+)
+def test_descriptors_of_two_kinds_are_refused_in_one_line(other: Descriptors | Vectors, found: str) -> None:
+    with pytest.raises(AsfmError, match=found) as error:
+        ours(np.zeros((4, 61), dtype=np.uint8), other, 0.9)
+    assert "\n" not in str(error.value)
+
+
+def test_only_allowed_pairs_are_compared() -> None:
+    """What looks alike elsewhere is neither the nearest nor the second nearest."""
+    rng = np.random.default_rng(10)
+    a = random_descriptors(rng, 30)
+    twins = np.concatenate([flip_bits(rng, a, 0.1), flip_bits(rng, a, 0.1)])
+    allowed = np.tile(np.eye(30, dtype=bool), (1, 2))
+    allowed[:, 30:] = False
+    assert len(match_keypoints(keypoints_of(a), keypoints_of(twins), MatchingConfig(ratio=0.4))[0]) == 0
+    nearest = find_nearest(keypoints_of(a), keypoints_of(twins), allowed)
+    np.testing.assert_array_equal(nearest.index, np.stack([np.arange(30)] * 2, axis=1))
+    assert nearest.mutual.all() and nearest.ratio.max() < 0.4
+
+
+def test_a_lone_candidate_must_be_nearer_than_strangers() -> None:
+    rng = np.random.default_rng(11)
+    a, b = random_descriptors(rng, 30), random_descriptors(rng, 30)
+    b[:15] = flip_bits(rng, a[:15], 0.1)
+    nearest = find_nearest(keypoints_of(a), keypoints_of(b), np.eye(30, dtype=bool))
+    assert nearest.ratio[:15].max() < 0.4 and nearest.ratio[15:].min() > 0.8
+
+
+def test_nothing_allowed_is_no_match() -> None:
+    rng = np.random.default_rng(12)
+    frame = keypoints_of(random_descriptors(rng, 6))
+    assert len(find_nearest(frame, frame, np.zeros((6, 6), dtype=bool)).index) == 0
