@@ -167,7 +167,9 @@ def denoise(
     sequences: Annotated[
         list[Path] | None, typer.Argument(help="Native folders with truth; none: simulate.", metavar="[SEQUENCE]...")
     ] = None,
-    frames: Annotated[int, typer.Option(help="Of each sequence, or of each scene and sonar.")] = 2,
+    frames: Annotated[
+        int | None, typer.Option(help="Of each sequence (10 by default), or of each scene and sonar (1 by default).")
+    ] = None,
     scenes: Annotated[
         list[str] | None, typer.Option("--scene", help="To simulate; may be repeated; all by default.", metavar="SCENE")
     ] = None,

@@ -16,7 +16,8 @@ from asfm.types import Frame, FrameTruth
 if TYPE_CHECKING:
     from asfm.evaluation.denoising_table import Comparison, DenoisingTable
 
-DEFAULT_FRAMES = 2
+FRAMES_OF_SEQUENCE, FRAMES_OF_SIMULATION = 10, 1
+"""By default, of each sequence, and of each scene and sonar."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ def denoise_sources(
     sequences: Names[Path] = (),
     scenes: Names[str] = (),
     sonars: Names[str] = (),
-    frames: int = DEFAULT_FRAMES,
+    frames: int | None = None,
     seed: int = 0,
     config: Config | None = None,
     output: Path | None = None,
@@ -47,7 +48,8 @@ def denoise_sources(
         sequences: native folders with truth; none means to simulate.
         scenes: names of scenes to simulate; all where none is given.
         sonars: names of sonars to simulate; all where none is given.
-        frames: of each sequence, spread evenly; or of each scene and sonar, every one of another seed.
+        frames: of each sequence, spread evenly, 10 by default; or of each scene and sonar, every one of another seed,
+            1 by default.
         seed: of the first simulated frame.
         config: settings of the mask.
         output: folder for the table as CSV and JSON and for a picture.
@@ -58,11 +60,14 @@ def denoise_sources(
         AsfmError: a sequence without truth, an unknown scene or sonar, images too small for SSIM, sequences together
             with scenes or sonars, fewer than one frame, or the folder cannot be written.
     """
-    if frames < 1:
+    if frames is not None and frames < 1:
         raise AsfmError(f"expected at least one frame to denoise, found {frames}")
     if sequences and (scenes or sonars):
         raise AsfmError("expected sequences, or scenes and sonars to simulate, found both")
-    sources = [_open_source(path, frames) for path in sequences] if sequences else _plan(scenes, sonars, frames, seed)
+    if sequences:
+        sources = [_open_source(path, frames or FRAMES_OF_SEQUENCE) for path in sequences]
+    else:
+        sources = _plan(scenes, sonars, frames or FRAMES_OF_SIMULATION, seed)
     if output is None:
         return _compare(sources, config or Config(), progress)[0]
     with atomic_folder(output, DENOISING, overwrite) as partial:
