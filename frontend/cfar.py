@@ -84,7 +84,7 @@ def _relieve(above: BoolArray, usable: BoolArray, config: CfarConfig) -> Power:
     its logarithm, but for few cells. Where q is P or less, every cell above the floor is rare enough.
     """
     counts = [count_ring(mask, config.reference_px, config.guard_px) for mask in (above, usable)]
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         logarithm = np.log(np.arange(counts[1].max() + 1)).astype(np.float32)
         logarithm[0] = -np.inf
         share = logarithm.take(counts[0]) - logarithm.take(counts[1])

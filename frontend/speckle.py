@@ -29,27 +29,34 @@ Image = NDArray[np.float32]
 
 
 def make_exponential(image: Image, usable: BoolArray) -> Image:
-    """Raise an image of Weibull noise to the power that makes the noise exponential, of mean 1 or so.
+    """Raise an image of Weibull noise to the power that makes the noise exponential, of a mean near 1.
 
     Args:
-        image: (ranges, beams) in any unit.
+        image: (ranges, beams) finite, in any unit.
         usable: (ranges, beams) false where a pixel tells nothing of the noise.
 
     Returns:
         (ranges, beams), 0 where not usable.
     """
-    count = int(np.count_nonzero(usable))
-    if count == 0:
-        return np.zeros(image.shape, dtype=np.float32)
     scaled = np.multiply(np.maximum(image, 0), usable, dtype=np.float32)
-    mean = float(scaled.sum(dtype=np.float64)) / count
-    if mean <= 0:
+    typical = _find_typical(scaled, usable)
+    if typical <= 0:
         return np.zeros(image.shape, dtype=np.float32)
-    scaled *= np.float32(1 / mean)
+    scaled *= np.float32(1 / typical)
     shape = estimate_shape(scaled, usable)
     np.clip(scaled, *(np.float32(power ** (1 / shape)) for power in POWERS), out=scaled)
     power = cv2.pow(scaled, shape, dst=scaled)
     return np.asarray(np.multiply(power, usable, out=power))
+
+
+def _find_typical(image: Image, usable: BoolArray) -> float:
+    """Find the median of some thousand usable pixels, or the mean of all where it is zero: no echo sways the former."""
+    steps = tuple(slice(None, None, 1 + length // 64) for length in image.shape)
+    some = image[steps][usable[steps]]
+    typical = float(np.median(some)) if some.size else 0.0
+    if typical > 0:
+        return typical
+    return float(image.sum(dtype=np.float64)) / max(int(np.count_nonzero(usable)), 1)
 
 
 def estimate_shape(image: Image, usable: BoolArray) -> float:
