@@ -1,7 +1,7 @@
 """Outlier filters: each judges the matches of one pair of frames, alone or after others, in any order."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -47,8 +47,13 @@ class Pair:
     def take(self, which: BoolArray) -> "Pair":
         """Give the same pair with some of its matches."""
         old = self.nearest
-        return replace(self, nearest=Nearest(old.index[which], old.ratio[which], old.mutual[which]))
+        nearest = Nearest(old.index[which], old.ratio[which], old.mutual[which])
+        return Pair(self.keypoints_a, self.keypoints_b, nearest, self.sonar, self.b_from_a, self.sigma)
 
+
+ARC_POINTS = 7
+"""Of each elevation arc; straight between them."""
+NOBODY = np.zeros((0, 2), dtype=np.int32)
 
 Verdict = tuple[BoolArray, FloatArray]
 """(M,) which matches pass, (M,) what each match's cost rises by."""
@@ -60,12 +65,14 @@ def filter_matches(pair: Pair, frame_a: int, frame_b: int, config: Config) -> Ma
     The cost of a match is its ratio and what the filters add to it: it ranks matches when tracks are built. Every
     rejected match remembers the filter.
     """
-    matches = Matches(frame_a, frame_b, pair.index, pair.nearest.ratio)
+    cost, rejected, numbers = pair.nearest.ratio, [NOBODY], []
     for name in config.matching.filters:
-        passes, cost = FILTERS[name](pair, config)
-        matches = replace(matches, cost=matches.cost + cost).reject(~passes, name)
-        pair = pair.take(passes)
-    return matches
+        passes, rise = FILTERS[name](pair, config)
+        rejected.append(pair.index[~passes].astype(np.int32))
+        numbers.append(len(rejected[-1]))
+        cost, pair = (cost + rise)[passes], pair.take(passes)
+    by = np.repeat(np.arange(len(numbers), dtype=np.int8), np.array(numbers, dtype=np.int64))
+    return Matches(frame_a, frame_b, pair.index, cost, np.concatenate(rejected), by, config.matching.filters)
 
 
 def filter_mutual(pair: Pair, config: Config) -> Verdict:
@@ -90,7 +97,7 @@ def filter_arc(pair: Pair, config: Config) -> Verdict:
     if pair.sonar is None or pair.b_from_a is None or pair.sigma is None or not len(pair):
         return np.ones(len(pair), dtype=bool), np.zeros(len(pair))
     b_from_a = np.broadcast_to(pair.b_from_a, (len(pair), 4, 4))
-    residual = arc_residuals(pair.sonar, b_from_a, *pair.pixels(), pair.sigma[pair.index[:, 0]])
+    residual = arc_residuals(pair.sonar, b_from_a, *pair.pixels(), pair.sigma[pair.index[:, 0]], ARC_POINTS)
     return residual <= config.matching.arc_gate, np.zeros(len(pair))
 
 

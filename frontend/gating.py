@@ -100,8 +100,14 @@ def near_arcs(
     """
     arc = sonar.elevation_arc(pixel_a[:, 0], pixel_a[:, 1], count)
     range_m, bearing_rad, _ = project(arc @ b_from_a[:3, :3].T + b_from_a[:3, 3])
-    near = np.ones((len(pixel_a), len(pixel_b)), dtype=bool)
-    for axis, seen in enumerate((range_m, np.unwrap(bearing_rad, axis=1))):
-        near &= pixel_b[:, axis] >= (seen.min(axis=1) - reach[:, axis])[:, None]
-        near &= pixel_b[:, axis] <= (seen.max(axis=1) + reach[:, axis])[:, None]
-    return near
+    bearing_rad = np.unwrap(bearing_rad, axis=1)
+    sides = [
+        (pixel_b[:, axis], seen.min(axis=1) - reach[:, axis], seen.max(axis=1) + reach[:, axis])
+        for axis, seen in enumerate((range_m, bearing_rad))
+    ]
+    nearer, farther, starboard, port = (
+        compare(value, bound[:, None])
+        for value, low, high in sides
+        for compare, bound in ((np.greater_equal, low), (np.less_equal, high))
+    )
+    return np.asarray(nearer & farther & starboard & port)

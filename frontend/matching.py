@@ -53,8 +53,8 @@ def find_nearest(frame_a: Keypoints, frame_b: Keypoints, allowed: BoolArray | No
     distance = descriptor_distances(frame_a.descriptors, frame_b.descriptors)
     stranger = np.full(len(frame_a), np.inf, dtype=np.float32)
     if allowed is not None:
-        stranger = distance.mean(axis=1, where=np.isfinite(distance))
-        distance[~allowed] = np.inf
+        stranger = distance.mean(axis=1)
+        np.copyto(distance, np.float32(np.inf), where=~allowed)
     rows = np.arange(len(frame_a))
     nearest = distance.argmin(axis=1)
     first = distance[rows, nearest]

@@ -5,8 +5,8 @@ import numpy as np
 from asfm.planar_motion import agree_on_planar_motion
 from asfm.types import BoolArray, FloatArray, IntArray, Keypoints
 
-SUREST = 24
-"""Trial motions come from the pairs of this many surest matches: all 276 of them, and no chance is involved."""
+SUREST = 18
+"""Trial motions come from the pairs of this many surest matches: all 153 of them, and no chance is involved."""
 FEWEST = 4
 """Three matches agree on a planar motion too easily: fewer than this are not judged."""
 
@@ -22,12 +22,17 @@ def find_planar_outliers(
         cost: (M,) smaller is surer.
 
     Returns:
-        (4, 4) a_from_b in the plane, (M,) true where a match disagrees. Of fewer than four matches none disagrees.
+        (4, 4) a_from_b in the plane, (M,) true where a match disagrees. Of fewer than four matches none disagrees;
+        a place that is not finite always does.
     """
-    if len(xy_a) < FEWEST:
-        return np.eye(4), np.zeros(len(xy_a), dtype=bool)
-    motion, agrees = agree_on_planar_motion(xy_a, xy_b, tolerance_m, pick_surest_pairs(cost))
-    return motion, ~agrees
+    finite = np.isfinite(xy_a).all(axis=1) & np.isfinite(xy_b).all(axis=1)
+    outlier = np.asarray(~finite)
+    if finite.sum() < FEWEST:
+        return np.eye(4), outlier
+    picks = pick_surest_pairs(cost[finite])
+    motion, agrees = agree_on_planar_motion(xy_a[finite], xy_b[finite], tolerance_m[finite], picks)
+    outlier[finite] = ~agrees
+    return motion, outlier
 
 
 def pick_surest_pairs(cost: FloatArray, count: int = SUREST) -> IntArray:
