@@ -84,6 +84,8 @@ def run(
     ] = None,
     mode: Annotated[str | None, typer.Option(help="How to go through the frames: batch.")] = None,
     rerun: Annotated[bool, typer.Option("--rerun/--no-rerun", help="Make a recording for the viewer.")] = True,
+    features: Annotated[Path | None, typer.Option(help="Keypoints found elsewhere, an HDF5 file of hloc.")] = None,
+    matches: Annotated[Path | None, typer.Option(help="Matches found elsewhere; goes with --features.")] = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Reconstruct the trajectory and a 3-D point map of a sequence."""
@@ -93,8 +95,11 @@ def run(
 
     overrides = tuple(settings or ()) + (() if mode is None else (f"mode={mode}",))
     resolved = load_config(config, overrides)
+    if (features is None) != (matches is None):
+        raise AsfmError("--features and --matches: expected both or neither, found one")
+    given = None if features is None or matches is None else (features, matches)
     with _show_progress() as progress:
-        summary = run_sequence(sequence, output, resolved, rerun, overwrite, progress)
+        summary = run_sequence(sequence, output, resolved, rerun, overwrite, progress, given)
     _say(describe_results(summary))
     _warn(summary.warnings)
 

@@ -11,9 +11,10 @@ from asfm.backend.support import describe_support
 from asfm.config import Config
 from asfm.frontend.association import associate
 from asfm.frontend.candidates import match_with_previous
+from asfm.frontend.correspondences import Correspondences, judge_correspondences
 from asfm.frontend.denoising import detect_mask
 from asfm.frontend.gating import PredictedPoses
-from asfm.frontend.keypoints import detect_keypoints
+from asfm.frontend.keypoints import cut_squares, detect_keypoints
 from asfm.frontend.tracks import build_tracks
 from asfm.recorder import NullRecorder, Recorder
 from asfm.sequence import Sequence
@@ -34,6 +35,7 @@ def reconstruct(
     config: Config,
     recorder: Recorder | None = None,
     progress: Progress = no_progress,
+    given: Correspondences | None = None,
 ) -> Run:
     """Reconstruct trajectory and landmarks of a sequence.
 
@@ -45,13 +47,14 @@ def reconstruct(
         config: every setting.
         recorder: shown each stage; nothing is shown without one.
         progress: told how far each stage is.
+        given: keypoints and matches computed elsewhere, which take the place of asfm's own.
 
     Raises:
         AsfmError: a frame cannot be read.
     """
     recorder = recorder or NullRecorder()
     clock = StageClock(progress)
-    keypoints, candidates = extract(sequence, config, recorder, clock)
+    keypoints, candidates = extract(sequence, config, recorder, clock, given)
     start = initialise(sequence, keypoints, candidates, config, clock)
     solution = optimise(sequence, keypoints, candidates, start, config, clock)
     reconstruction = conclude(sequence, solution, config, clock)
@@ -61,22 +64,27 @@ def reconstruct(
 
 
 def extract(
-    sequence: Sequence, config: Config, recorder: Recorder, clock: StageClock
+    sequence: Sequence, config: Config, recorder: Recorder, clock: StageClock, given: Correspondences | None = None
 ) -> tuple[list[Keypoints], list[Matches]]:
     """Turn images into keypoints, and pairs of frames into candidate matches. One image is in memory at a time."""
     keypoints: list[Keypoints] = []
     candidates: list[Matches] = []
     predicted = predict_poses(sequence, config)
+    longest_gap = config.matching.max_gap if given is None else given.longest_gap
     with clock.stage("front-end") as report:
         for frame in sequence:
             mask = detect_mask(frame, config)
-            keypoints.append(detect_keypoints(frame, mask, sequence.sonar, config))
-            matches = match_with_previous(frame.index, keypoints, config, sequence.sonar, predicted)
+            if given is None:
+                keypoints.append(detect_keypoints(frame, mask, sequence.sonar, config))
+                matches = match_with_previous(frame.index, keypoints, config, sequence.sonar, predicted)
+            else:
+                keypoints.append(cut_squares(frame, given.keypoints[frame.index], sequence.sonar, config))
+                matches = judge_correspondences(given, frame.index, keypoints, config, sequence.sonar, predicted)
             candidates += matches
             recorder.record_frame(frame, mask, keypoints[-1])
             if matches:
-                recorder.record_matches(keypoints[-2], keypoints[-1], matches[0])
-            _forget_patches(keypoints, frame.index - config.matching.max_gap)
+                recorder.record_matches(keypoints[matches[0].frame_a], keypoints[-1], matches[0])
+            _forget_patches(keypoints, frame.index - longest_gap)
             clock.progress("front-end", frame.index + 1, len(sequence))
         report.counts = {
             "frames": len(sequence),

@@ -7,6 +7,8 @@ from pathlib import Path
 from asfm.commands.report import RunSummary, describe_run
 from asfm.config import Config, dump_config
 from asfm.datasets import open_sequence
+from asfm.datasets.hloc import read_hloc
+from asfm.datasets.image_names import name_images
 from asfm.datasets.tables import read_tum
 from asfm.errors import AsfmError
 from asfm.evaluation.summary import EvaluationTable, evaluate_sequence
@@ -25,6 +27,7 @@ def run_sequence(
     recording: bool = True,
     overwrite: bool = False,
     progress: Progress = no_progress,
+    correspondences: tuple[Path, Path] | None = None,
 ) -> RunSummary:
     """Reconstruct a sequence and write all results; the output folder appears only when it is whole.
 
@@ -36,18 +39,20 @@ def run_sequence(
         recording: make reconstruction.rrd for the viewer.
         overwrite: replace results that are there.
         progress: told how far each stage is.
+        correspondences: features.h5 and matches.h5 of hloc, which take the place of asfm's own front-end.
 
     Raises:
-        AsfmError: the sequence cannot be read, or the output folder cannot be written.
+        AsfmError: the sequence or the correspondences cannot be read, or the output folder cannot be written.
     """
     from asfm.pipeline import reconstruct  # loads GTSAM
 
     begin_s = time.perf_counter()
     config = config or Config()
     sequence = open_sequence(path)
+    given = None if correspondences is None else read_hloc(*correspondences, sequence, name_images(path, sequence))
     with atomic_folder(output, RESULTS, overwrite) as folder:
         with closing(_make_recorder(folder / "reconstruction.rrd", sequence, recording)) as recorder:
-            run = reconstruct(sequence, config, recorder, progress)
+            run = reconstruct(sequence, config, recorder, progress, given)
         result = run.reconstruction
         write_trajectory(folder / "trajectory.tum", result.trajectory)
         evaluation, remarks = _evaluate(sequence, read_tum(folder / "trajectory.tum"))  # as asfm evaluate will read it

@@ -82,8 +82,16 @@ def open_native_truth(folder: Path) -> Callable[[int], FrameTruth] | None:
     """
     if not (folder / "truth").is_dir():
         return None
-    frames, _ = _locate_frames(folder, read_settings(folder / "sequence.yaml").sonar)
-    return partial(_read_frame_truth, folder / "truth", frames)
+    return partial(_read_frame_truth, folder / "truth", locate_native_frames(folder))
+
+
+def locate_native_frames(folder: Path) -> NativeFrames:
+    """Tell where the images of a native folder lie.
+
+    Raises:
+        AsfmError: as for :func:`read_native`.
+    """
+    return _locate_frames(folder, read_settings(folder / "sequence.yaml").sonar)[0]
 
 
 def read_native_frame(frames: NativeFrames, index: int) -> Frame:
