@@ -90,3 +90,11 @@ def test_a_defect_is_named_by_its_exception(benchmark: ModuleType) -> None:
     assert explain(1, trace) == "RuntimeError: Singular asfm: a defect"
     assert explain(2, "stage: 3 steps\nasfm: no such file\n") == "asfm: no such file"
     assert explain(-9, "") == "ended with code -9"
+
+
+def test_false_alarm_rates_are_listed(benchmark: ModuleType) -> None:
+    rates = importlib.import_module("benchmark_rates")
+    speckle = rates._make_noise("rayleigh", 0)
+    line = next(iter(list(rates._rate("noise", [speckle], slice(None), ("rayleigh",), ("ca",)))[1:]))
+    assert [float(ratio) for ratio in line.split()[-3:-1]] == pytest.approx([1.0, 1.0], rel=0.1)
+    assert benchmark.make_parser().parse_args(["rates"]).data is None

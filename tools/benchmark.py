@@ -3,6 +3,7 @@
 ``python tools/benchmark.py all``, or the name of one comparison, times stages side by side in one process. Contenders
 take turns, so that a busy machine slows all of them alike; what counts is the ratio of the medians, and whether the
 results agree.
+``python tools/benchmark.py rates [DATA_FOLDER]`` counts the false alarms of CFAR on noise and in recorded empty water.
 ``python tools/benchmark.py run SEQUENCE [--set SECTION.KEY=VALUE]...`` measures one ``asfm run`` in a child process.
 ``python tools/benchmark.py reach DATA_FOLDER`` measures the public recordings one after the other, in one table.
 """
@@ -11,112 +12,13 @@ import argparse
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
+from benchmark_kernels import COMPARISONS, Array, Comparison, choose_comparisons
+from benchmark_rates import list_rates
 from benchmark_runs import RunFailed, describe_run, measure_run, tabulate_reach
-from numpy.typing import NDArray
-
-from asfm.config import CfarConfig, ClustersConfig, SslConfig
-from asfm.types import BoolArray, ImageArray
-
-Array = NDArray[Any]
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """One stage with its peers, all of them computing the same."""
-
-    title: str
-    ours: Callable[[], Array]
-    peers: dict[str, Callable[[], Array]]
-    tolerance: float
-    """Largest part of the values that may differ: thresholds fall on either side of a rounding error."""
-
-
-def make_speckle(shape: tuple[int, int], seed: int) -> ImageArray:
-    """Make Rayleigh noise, stronger at close range, with a hundred bright squares: (ranges, beams) in 0..1."""
-    rng = np.random.default_rng(seed)
-    strength = np.linspace(2.0, 1.0, shape[0])[:, None] * np.ones(shape)
-    for row, column in zip(rng.integers(0, shape[0], 100), rng.integers(0, shape[1], 100), strict=True):
-        strength[row : row + 6, column : column + 6] *= 6
-    image = rng.rayleigh(size=shape) * strength
-    return np.asarray(image / image.max(), dtype=np.float32)
-
-
-def compare_cfar(shape: tuple[int, int], seed: int) -> Comparison:
-    """Cell averaging CFAR against the same written with SciPy's uniform filter."""
-    from scipy.ndimage import uniform_filter
-
-    from asfm.frontend.cfar import detect_cfar
-
-    image, valid, config = make_speckle(shape, seed), np.ones(shape, dtype=bool), CfarConfig()
-
-    def sum_box(values: Array, half_px: tuple[int, int]) -> Array:
-        size = (2 * half_px[0] + 1, 2 * half_px[1] + 1)
-        return np.asarray(uniform_filter(values, size, mode="constant") * (size[0] * size[1]))
-
-    def with_scipy() -> Array:
-        power, ones = image.astype(float) ** 2, np.ones(shape)
-        total = sum_box(power, config.reference_px) - sum_box(power, config.guard_px)
-        count = np.rint(sum_box(ones, config.reference_px) - sum_box(ones, config.guard_px))
-        factor = count * (config.false_alarm_probability ** (-1 / count) - 1)
-        return np.asarray(power > factor * total / count)
-
-    ours = partial(detect_cfar, image, valid, config)
-    return Comparison(f"cell averaging CFAR, {shape[0]} x {shape[1]}", ours, {"scipy uniform_filter": with_scipy}, 1e-4)
-
-
-def compare_clusters(shape: tuple[int, int], seed: int) -> Comparison:
-    """DBSCAN on the grid against scikit-learn's on the detections' coordinates."""
-    from sklearn.cluster import DBSCAN
-
-    from asfm.frontend.clusters import keep_clusters
-
-    detections = _detect(make_speckle(shape, seed))
-    config = ClustersConfig()
-
-    def with_sklearn() -> Array:
-        where = np.argwhere(detections)
-        labels = DBSCAN(eps=config.radius_px, min_samples=config.min_pixels).fit_predict(where)
-        kept = np.zeros(shape, dtype=bool)
-        kept[tuple(where[labels >= 0].T)] = True
-        return kept
-
-    title = f"DBSCAN of {detections.sum()} detections, {shape[0]} x {shape[1]}"
-    return Comparison(title, partial(keep_clusters, detections, config), {"scikit-learn DBSCAN": with_sklearn}, 0.0)
-
-
-def compare_ssl(shape: tuple[int, int], seed: int, count: int = 1000) -> Comparison:
-    """The structural term on all matches at once against scikit-image's SSIM called once a match."""
-    from skimage.metrics import structural_similarity
-
-    from asfm.frontend.ssl import stretch_patches, structural_spatial_loss
-
-    config = SslConfig(spatial_weight=0.0)
-    size = 2 * config.radius_px + 1
-    rng, image = np.random.default_rng(seed), make_speckle(shape, seed)
-    corners = np.stack([rng.integers(0, length - size, 2 * count) for length in shape], axis=1)
-    patches = np.stack([image[row : row + size, column : column + size] for row, column in corners])
-    patches_a, patches_b = patches[:count], patches[count:]
-
-    def with_skimage() -> Array:
-        pairs = zip(stretch_patches(patches_a), stretch_patches(patches_b), strict=True)
-        return np.array([0.5 - 0.5 * structural_similarity(a, b, data_range=1.0) for a, b in pairs])
-
-    ours = partial(structural_spatial_loss, patches_a, patches_b, config)
-    return Comparison(f"structural loss of {count} matches", ours, {"scikit-image SSIM loop": with_skimage}, 0.0)
-
-
-COMPARISONS: dict[str, Callable[[tuple[int, int], int], Comparison]] = {
-    "cfar": compare_cfar,
-    "clusters": compare_clusters,
-    "ssl": compare_ssl,
-}
 
 
 def time_in_turns(contenders: dict[str, Callable[[], Array]], rounds: int) -> dict[str, float]:
@@ -149,12 +51,16 @@ def main(arguments: list[str] | None = None) -> int:
     options = make_parser().parse_args(arguments)
     if options.what == "run":
         return _report_run(options)
+    if options.what == "rates":
+        for line in list_rates(options.data, options.images):
+            print(line, flush=True)
+        return 0
     if options.what == "reach":
         lines, all_ran = tabulate_reach(options.data, options.recording)
         print("\n".join(lines))
         return 0 if all_ran else 1
     cv2.setNumThreads(options.threads)
-    names = list(COMPARISONS) if options.what == "all" else [options.what]
+    names = choose_comparisons(options.what)
     agree = [report(COMPARISONS[name](tuple(options.shape), options.seed), options.rounds) for name in names]
     return 0 if all(agree) else 1
 
@@ -172,6 +78,9 @@ def make_parser() -> argparse.ArgumentParser:
     run = commands.add_parser("run", help="measure one asfm run")
     run.add_argument("sequence", type=Path)
     run.add_argument("--set", dest="settings", action="append", default=[], metavar="SECTION.KEY=VALUE")
+    rates = commands.add_parser("rates", help="false-alarm rates over the asked ones, on noise and in empty water")
+    rates.add_argument("data", type=Path, nargs="?", metavar="DATA_FOLDER")
+    rates.add_argument("--images", type=int, default=8, help="512 x 512 images of noise; 8 give 2,000 alarms at 1e-3")
     reach = commands.add_parser("reach", help="measure the public runs, in one table")
     reach.add_argument("data", type=Path, metavar="DATA_FOLDER")
     for command in (run, reach):
@@ -187,12 +96,6 @@ def _report_run(options: argparse.Namespace) -> int:
         return 1
     print("\n".join(lines))
     return 0
-
-
-def _detect(image: ImageArray) -> BoolArray:
-    from asfm.frontend.cfar import detect_cfar
-
-    return detect_cfar(image, np.ones(image.shape, dtype=bool), CfarConfig())
 
 
 if __name__ == "__main__":
