@@ -159,7 +159,7 @@ def test_noise_of_any_shape_gives_an_image(shape: tuple[int, int]) -> None:
 def test_logarithmic_images_are_cleaned_as_amplitudes_and_come_back_logarithmic() -> None:
     amplitude = np.maximum(spoil(draw_scene(), 6), np.float32(1e-4))
     span = 80.0
-    image = 1 + 20 * np.log10(amplitude) / np.float32(span)
+    image = np.asarray(1 + 20 * np.log10(amplitude) / span, dtype=np.float32)
     cleaned, plain = clean_up(image, span=span), clean_up(amplitude)
     echo = plain > 0.05
     np.testing.assert_allclose(10 ** ((cleaned[echo] - 1) * span / 20), plain[echo], rtol=2e-3)

@@ -29,6 +29,8 @@ class Source:
     sonar: str
     read: Callable[[int], tuple[Frame, FrameTruth]]
     indices: tuple[int, ...]
+    """Of the frames; where they are simulated, their seeds."""
+    simulated: bool
 
 
 def denoise_sources(
@@ -88,7 +90,7 @@ def _open_source(path: Path, frames: int) -> Source:
     def read(index: int) -> tuple[Frame, FrameTruth]:
         return sequence.read_frame(index), read_truth(index)
 
-    return Source(str(path), sequence.sonar.name, read, tuple(indices))
+    return Source(str(path), sequence.sonar.name, read, tuple(indices), simulated=False)
 
 
 def _plan(scenes: Names[str], sonars: Names[str], frames: int, seed: int) -> list[Source]:
@@ -105,7 +107,7 @@ def _plan(scenes: Names[str], sonars: Names[str], frames: int, seed: int) -> lis
     if seed < 0:
         raise AsfmError(f"expected a seed of zero or more, found {seed}")
     indices = tuple(range(seed, seed + frames))
-    return [Source(scene, sonar, _simulate_frames(scene, sonar), indices) for scene in scenes for sonar in sonars]
+    return [Source(scene, sonar, _simulate_frames(scene, sonar), indices, True) for scene in scenes for sonar in sonars]
 
 
 def _simulate_frames(scene: str, sonar: str) -> Callable[[int], tuple[Frame, FrameTruth]]:
@@ -121,23 +123,35 @@ def _simulate_frames(scene: str, sonar: str) -> Callable[[int], tuple[Frame, Fra
 def _compare(
     sources: list[Source], config: Config, progress: Progress
 ) -> "tuple[DenoisingTable, dict[str, tuple[FrameTruth, Comparison]]]":
-    """Compare on all frames; give the table, and the first frame of each scene as an example."""
+    """Compare on all frames; give the table, and the first frame of each scene as an example.
+
+    A seed that puts the sonar into an object costs its frame only.
+    """
     from asfm.evaluation.denoising_table import DenoisedFrame, DenoisingTable, compare_denoisers
 
     rows: list[DenoisedFrame] = []
+    notes: list[str] = []
     examples: dict[str, tuple[FrameTruth, Comparison]] = {}
     total = sum(len(source.indices) for source in sources)
     for done, (source, index) in enumerate(_walk(sources)):
         progress("denoise", done, total)
-        frame, truth = source.read(index)
+        try:
+            frame, truth = source.read(index)
+        except AsfmError as error:
+            if not source.simulated:
+                raise
+            notes.append(f"without {source.scene} before {source.sonar} of seed {index}: {error}")
+            continue
         try:
             comparison = compare_denoisers(frame, truth, config)
         except AsfmError as error:
-            raise AsfmError(f"{source.scene}, frame {index}: {error}") from None
+            raise AsfmError(f"{source.scene}, {source.sonar}, frame {index}: {error}") from None
         rows += comparison.rows(source.scene, source.sonar, index)
         examples.setdefault(source.scene, (truth, comparison))
     progress("denoise", total, total)
-    return DenoisingTable(tuple(rows)), examples
+    if not rows:
+        raise AsfmError(notes[0])
+    return DenoisingTable(tuple(rows), tuple(notes)), examples
 
 
 def _walk(sources: list[Source]) -> Iterator[tuple[Source, int]]:

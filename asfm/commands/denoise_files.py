@@ -21,6 +21,7 @@ DENOISING = FolderKind("a denoising table", marks=(TABLE, REPORT), patterns=(TAB
 CELL_PX = (320, 200)
 """(height, width) of one image in the picture."""
 TITLE_PX = 22
+NAME_LETTERS = 14
 
 
 def write_denoising(
@@ -45,7 +46,7 @@ def draw_denoising(examples: "Mapping[str, tuple[FrameTruth, Comparison]]") -> b
 
     rows = []
     for scene, (truth, comparison) in examples.items():
-        cells = {f"{Path(scene).name}: clean": truth.clean, **comparison.images}
+        cells = {f"{Path(scene).name[:NAME_LETTERS]}: clean": truth.clean, **comparison.images}
         rows.append(np.hstack([_draw_cell(title, image) for title, image in cells.items()]))
     return encode_picture("png", np.vstack(rows))
 

@@ -6,6 +6,7 @@ it, and the window of the median, are those with the best mean PSNR over simulat
 the methods. All of them see the whole image and none of them knows of the noise floor: that is what plain methods do.
 """
 
+import warnings
 from collections.abc import Callable
 
 import cv2
@@ -22,6 +23,7 @@ PATCH_PX, SEARCH_PX = 5, 13
 SIGMA_TO_STRENGTH = 1.5
 SIGMA_TO_WEIGHT = 3.0
 ITERATIONS = 50
+ROUNDING = 1e-6
 LEAST_STEP = 0.5 / 255
 """Noise below half a count of eight bits is none."""
 
@@ -33,7 +35,7 @@ def keep_raw(frame: Frame, config: Config) -> ImageArray:
 
 def denoise_by_wavelet(frame: Frame, config: Config) -> ImageArray:
     """Shrink wavelet coefficients by BayesShrink (Chang, Yu and Vetterli 2000), soft, with scikit-image's defaults."""
-    if not _needs_denoising(frame.image):
+    if _estimate_sigma(frame.image) < ROUNDING:  # BayesShrink divides by it
         return frame.image
     shrunk = denoise_wavelet(frame.image, method="BayesShrink", mode="soft", rescale_sigma=True)
     return np.asarray(np.clip(np.nan_to_num(shrunk), 0, 1), dtype=np.float32)
@@ -78,10 +80,8 @@ DENOISERS: dict[str, Denoiser] = {
 """By the names under which they are printed; ``mask alone`` is the paper's: CFAR, DBSCAN, zero elsewhere."""
 
 
-def _needs_denoising(image: ImageArray) -> bool:
-    """Tell whether there is noise: BayesShrink divides by its sigma."""
-    return _estimate_sigma(image) > 0
-
-
 def _estimate_sigma(image: ImageArray) -> float:
-    return float(np.nan_to_num(estimate_sigma(image)))
+    """Estimate the noise's sigma; zero where no wavelet coefficient tells of any."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of the median of nothing
+        return float(np.nan_to_num(estimate_sigma(image)))
