@@ -42,8 +42,13 @@ def structural_spatial_loss(patches_a: Patches, patches_b: Patches, config: SslC
     Raises:
         AsfmError: the shapes disagree or a pixel is not finite.
     """
-    _check(patches_a, patches_b)
-    return _compare(patches_a, patches_b, config, stretched=False)
+    _check_shapes(patches_a, patches_b)
+    with np.errstate(over="ignore", invalid="ignore"):
+        loss = _compare(patches_a, patches_b, config, stretched=False)
+    # What is not finite shows in every loss but that of two terms switched off.
+    if not np.isfinite(loss).all() or config.structural_weight == config.spatial_weight == 0:
+        _check_finite(patches_a, patches_b)
+    return loss
 
 
 def compare_stretched(stretched_a: ImageArray, stretched_b: ImageArray, config: SslConfig) -> FloatArray:
@@ -170,16 +175,19 @@ def _spatial_term(difference: Columns) -> FloatArray:
     return np.asarray(np.sqrt(squared / (2 * length + 1)), dtype=np.float64)
 
 
-def _check(patches_a: Patches, patches_b: Patches) -> None:
+def _check_shapes(patches_a: Patches, patches_b: Patches) -> None:
     shape = patches_a.shape
     if shape != patches_b.shape or len(shape) != 3 or shape[1] != shape[2] or shape[1] == 0:
         raise AsfmError(
             f"structural-and-spatial loss: expected two stacks of equal squares, found {shape} and {patches_b.shape}"
         )
+
+
+def _check_finite(patches_a: Patches, patches_b: Patches) -> None:
     for name, patches in (("first", patches_a), ("second", patches_b)):
-        with np.errstate(over="ignore", invalid="ignore"):
-            total = patches.sum()
-        # The sum tells at once in all cases but those of enormous values.
-        if not np.isfinite(total) and not np.isfinite(patches).all():
-            bad = int(np.flatnonzero(~np.isfinite(patches).all(axis=(1, 2)))[0])
+        # Single precision is what is computed with.
+        with np.errstate(over="ignore"):
+            finite = np.isfinite(patches.astype(np.float32)).all(axis=(1, 2))
+        if not finite.all():
+            bad = int(np.flatnonzero(~finite)[0])
             raise AsfmError(f"structural-and-spatial loss: square {bad} of the {name} frame holds pixels not finite")

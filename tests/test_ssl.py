@@ -1,12 +1,14 @@
 """The structural-and-spatial loss against scikit-image and plain loops."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from skimage.metrics import structural_similarity
 
 from asfm.config import SslConfig
 from asfm.errors import AsfmError
-from asfm.frontend.ssl import Patches, stretch_patches, structural_spatial_loss
+from asfm.frontend.ssl import Patches, compare_stretched, stretch_patches, structural_spatial_loss
 
 BOTH = SslConfig(structural_weight=1, spatial_weight=1)
 
@@ -101,6 +103,43 @@ def test_squares_smaller_than_the_window_have_a_loss(width: int) -> None:
     assert np.isfinite(structural_spatial_loss(a, b, BOTH)).all()
 
 
+def test_squares_stretched_before_have_the_same_loss(pairs: tuple[Patches, Patches]) -> None:
+    a, b = pairs
+    for config in (BOTH, SslConfig(structural_weight=0), SslConfig(spatial_weight=0)):
+        once = compare_stretched(stretch_patches(a), stretch_patches(b), config)
+        np.testing.assert_allclose(once, structural_spatial_loss(a, b, config), atol=2e-7)
+
+
+def test_a_term_without_weight_is_not_computed(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise AssertionError("computed without need")
+
+    a = np.random.default_rng(0).random((4, 15, 15)).astype(np.float32)
+    for term, config in (("structural", SslConfig(structural_weight=0)), ("spatial", SslConfig(spatial_weight=0))):
+        with monkeypatch.context() as patch:
+            patch.setattr(f"asfm.frontend.ssl._{term}_term", refuse)
+            assert not structural_spatial_loss(a, a, config).any()
+            with pytest.raises(AssertionError):
+                structural_spatial_loss(a, a, BOTH)
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.uint8, np.uint16])
+def test_squares_of_another_type_have_the_same_loss(dtype: type) -> None:
+    counts = np.random.default_rng(0).integers(0, 256, (2, 9, 15, 15))
+    expected, found = (
+        structural_spatial_loss(counts[0].astype(kind), counts[1].astype(kind), BOTH) for kind in (np.float32, dtype)
+    )
+    np.testing.assert_allclose(found, expected, atol=1e-7)
+
+
+def test_threads_do_not_write_over_each_other() -> None:
+    a, b = np.random.default_rng(5).random((2, 600, 15, 15)).astype(np.float32)
+    expected = structural_spatial_loss(a, b, BOTH)
+    with ThreadPoolExecutor(4) as pool:
+        for loss in pool.map(lambda _: structural_spatial_loss(a, b, BOTH), range(12)):
+            np.testing.assert_array_equal(loss, expected)
+
+
 def test_no_matches_have_no_losses() -> None:
     none = np.zeros((0, 15, 15), dtype=np.float32)
     assert structural_spatial_loss(none, none, BOTH).shape == (0,)
@@ -108,10 +147,16 @@ def test_no_matches_have_no_losses() -> None:
 
 def test_bad_squares_are_refused_with_one_clear_line() -> None:
     good = np.zeros((4, 15, 15), dtype=np.float32)
-    bad = good.copy()
-    bad[2, 0, 0] = np.nan
-    with pytest.raises(AsfmError, match="square 2 of the second frame"):
-        structural_spatial_loss(good, bad, BOTH)
+    for value in (np.nan, np.inf, -np.inf, 1e300):
+        bad = good.astype(float)
+        bad[2, 0, 14] = value
+        for terms in ((1, 1), (1, 0), (0, 1), (0, 0)):
+            config = SslConfig(structural_weight=terms[0], spatial_weight=terms[1])
+            with pytest.raises(AsfmError, match="square 2 of the second frame"):
+                structural_spatial_loss(good, bad, config)
+            if value != 1e300:
+                with pytest.raises(AsfmError, match="square 2 of the first frame"):
+                    structural_spatial_loss(bad.astype(np.float32), good, config)
     with pytest.raises(AsfmError, match=r"\(3, 15, 15\)"):
         structural_spatial_loss(good, good[:3], BOTH)
     with pytest.raises(AsfmError, match="equal squares"):
