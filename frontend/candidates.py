@@ -5,10 +5,10 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from asfm.config import Config
-from asfm.frontend.filters import Pair, filter_matches
-from asfm.frontend.gating import PredictedPoses, near_arcs
+from asfm.frontend.filters import Pair, difference_sigma, filter_matches
+from asfm.frontend.gating import PredictedPoses, near_arcs, see_arcs
 from asfm.frontend.matching import find_nearest
-from asfm.sonar import SonarModel, feature_sigma
+from asfm.sonar import SonarModel
 from asfm.types import Keypoints, Matches
 
 DOUBTFUL = 0.15
@@ -56,13 +56,11 @@ def _propose_near(
     predicted: PredictedPoses,
 ) -> Pair:
     """Find the nearest descriptors among keypoints near the predicted elevation arc."""
-    b_from_a = predicted.relate(frame_a, frame_b)
-    sigma = predicted.spread(frame_a, frame_b, a.range_m, feature_sigma(sonar, config.noise) * np.sqrt(2.0))
-    near = None
-    if config.matching.guided:
-        pixel_a, pixel_b = (np.stack([frame.range_m, frame.bearing_rad], axis=1) for frame in (a, b))
-        near = near_arcs(sonar, b_from_a, pixel_a, pixel_b, config.matching.arc_gate * sigma)
-    return Pair(a, b, find_nearest(a, b, near), sonar, b_from_a, sigma)
+    sigma = predicted.spread(frame_a, frame_b, a.range_m, difference_sigma(sonar, config.noise))
+    pixel_a, pixel_b = (np.stack([frame.range_m, frame.bearing_rad], axis=1) for frame in (a, b))
+    arcs = see_arcs(sonar, predicted.relate(frame_a, frame_b), pixel_a)
+    near = near_arcs(arcs, pixel_b, config.matching.arc_gate * sigma) if config.matching.guided else None
+    return Pair(a, b, find_nearest(a, b, near), sonar, arcs, sigma)
 
 
 def match_with_previous(

@@ -2,13 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from asfm.config import Config
+from asfm.config import Config, NoiseConfig
 from asfm.errors import AsfmError
 from asfm.frontend.consistency import find_length_outliers
-from asfm.frontend.gating import arc_residuals
+from asfm.frontend.gating import distance_from_arcs
 from asfm.frontend.matching import Nearest
 from asfm.frontend.planar import find_planar_outliers, place_in_plane
 from asfm.frontend.ssl import structural_spatial_loss
@@ -25,10 +26,10 @@ class Pair:
     nearest: Nearest
     """(M,) matches, their ratios, and whether they are mutual."""
     sonar: SonarModel | None = None
-    b_from_a: FloatArray | None = None
-    """(4, 4) predicted relative pose of the sonars; None where nothing predicts it."""
+    arcs: FloatArray | None = None
+    """(Ka, G, 2) range_m and bearing_rad of frame a's elevation arcs as predicted in frame b; None without poses."""
     sigma: FloatArray | None = None
-    """(Ka, 2) standard deviation of where a keypoint of frame a is predicted: range_m and bearing_rad."""
+    """(Ka, 2) standard deviations of that prediction and of a keypoint's place, in range_m and bearing_rad."""
 
     def __len__(self) -> int:
         return len(self.nearest.index)
@@ -48,11 +49,9 @@ class Pair:
         """Give the same pair with some of its matches."""
         old = self.nearest
         nearest = Nearest(old.index[which], old.ratio[which], old.mutual[which])
-        return Pair(self.keypoints_a, self.keypoints_b, nearest, self.sonar, self.b_from_a, self.sigma)
+        return Pair(self.keypoints_a, self.keypoints_b, nearest, self.sonar, self.arcs, self.sigma)
 
 
-ARC_POINTS = 7
-"""Of each elevation arc; straight between them."""
 NOBODY = np.zeros((0, 2), dtype=np.int32)
 
 Verdict = tuple[BoolArray, FloatArray]
@@ -94,10 +93,10 @@ def filter_ssl(pair: Pair, config: Config) -> Verdict:
 
 def filter_arc(pair: Pair, config: Config) -> Verdict:
     """Pass matches near their elevation arc under the predicted poses; all where nothing predicts them."""
-    if pair.sonar is None or pair.b_from_a is None or pair.sigma is None or not len(pair):
+    if pair.arcs is None or pair.sigma is None:
         return np.ones(len(pair), dtype=bool), np.zeros(len(pair))
-    b_from_a = np.broadcast_to(pair.b_from_a, (len(pair), 4, 4))
-    residual = arc_residuals(pair.sonar, b_from_a, *pair.pixels(), pair.sigma[pair.index[:, 0]], ARC_POINTS)
+    a = pair.index[:, 0]
+    residual = distance_from_arcs(pair.arcs[a], pair.pixels()[1], pair.sigma[a])
     return residual <= config.matching.arc_gate, np.zeros(len(pair))
 
 
@@ -127,9 +126,17 @@ def filter_clique(pair: Pair, config: Config) -> Verdict:
     return ~outliers, np.zeros(len(pair))
 
 
+@lru_cache(maxsize=8)
+def difference_sigma(sonar: SonarModel, noise: NoiseConfig) -> FloatArray:
+    """Standard deviations (2,) of the difference of two features' range_m and bearing_rad. Not to be written to."""
+    sigma = np.asarray(feature_sigma(sonar, noise) * np.sqrt(2.0))
+    sigma.flags.writeable = False
+    return sigma
+
+
 def _position_noise(sonar: SonarModel, range_m: FloatArray, config: Config) -> FloatArray:
     """How far (M,) the noise of both keypoints of a match may move one against the other: two sigmas."""
-    sigma = feature_sigma(sonar, config.noise) * np.sqrt(2.0)
+    sigma = difference_sigma(sonar, config.noise)
     return np.asarray(2.0 * np.hypot(sigma[0], sigma[1] * range_m))
 
 

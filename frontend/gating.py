@@ -1,6 +1,7 @@
 """Gating: a match is possible only where its point lies near the elevation arc of the other frame's pixel."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -22,7 +23,11 @@ class PredictedPoses:
 
     def relate(self, frame_a: int, frame_b: int) -> FloatArray:
         """Give the (4, 4) relative pose b_from_a of two frames' sonars."""
-        return np.asarray(invert(self.world_from_sonar[frame_b]) @ self.world_from_sonar[frame_a])
+        return np.asarray(self._sonar_from_world[frame_b] @ self.world_from_sonar[frame_a])
+
+    @cached_property
+    def _sonar_from_world(self) -> FloatArray:
+        return invert(self.world_from_sonar)
 
     def spread(self, frame_a: int, frame_b: int, range_m: FloatArray, sigma: FloatArray) -> FloatArray:
         """Add the prediction's uncertainty to the noise of a point.
@@ -71,7 +76,20 @@ def arc_residuals(
     arc = sonar.elevation_arc(pixel_a[:, 0], pixel_a[:, 1], count)
     arc_in_b = np.einsum("mij,mgj->mgi", b_from_a[:, :3, :3], arc) + b_from_a[:, None, :3, 3]
     range_m, bearing_rad, _ = project(arc_in_b)
-    seen = np.stack([range_m, bearing_rad], axis=-1)
+    return distance_from_arcs(np.stack([range_m, bearing_rad], axis=-1), pixel_b, sigma)
+
+
+def distance_from_arcs(seen: FloatArray, pixel_b: FloatArray, sigma: FloatArray) -> FloatArray:
+    """Measure how far pixels are from arcs, in sigmas; an arc is straight between its points.
+
+    Args:
+        seen: (M, G, 2) range_m and bearing_rad of the points of each arc.
+        pixel_b: (M, 2) range_m and bearing_rad.
+        sigma: (2,) or (M, 2) standard deviations of the difference in range_m and bearing_rad.
+
+    Returns:
+        (M,) residual, 1 meaning one sigma.
+    """
     white = (seen - pixel_b[:, None, :]) / np.asarray(sigma).reshape(-1, 1, 2)
     start, step = white[:, :-1], np.diff(white, axis=1)
     length2 = np.maximum(np.einsum("mgi,mgi->mg", step, step), 1e-30)
@@ -80,34 +98,49 @@ def arc_residuals(
     return np.asarray(np.sqrt(np.einsum("mgi,mgi->mg", nearest, nearest).min(axis=1)))
 
 
-def near_arcs(
-    sonar: SonarModel, b_from_a: FloatArray, pixel_a: FloatArray, pixel_b: FloatArray, reach: FloatArray, count: int = 5
-) -> BoolArray:
-    """Tell quickly which pixels of frame b may lie on the elevation arc of each pixel of frame a.
-
-    Each arc is taken for the box of range and bearing that holds it, so some that are not near are let pass.
+def see_arcs(sonar: SonarModel, b_from_a: FloatArray, pixel_a: FloatArray, count: int = 7) -> FloatArray:
+    """Carry the elevation arcs of one frame's pixels into another frame.
 
     Args:
         sonar: gives the aperture.
         b_from_a: (4, 4) the relative pose of the two sonars.
-        pixel_a: (Ka, 2) range_m and bearing_rad.
+        pixel_a: (K, 2) range_m and bearing_rad.
+        count: points of each arc.
+
+    Returns:
+        (K, count, 2) range_m and bearing_rad in frame b; the bearing of one arc does not jump at pi.
+    """
+    elevation_rad = sonar.elevations(count)
+    horizontal = pixel_a[:, 0, None] * np.cos(elevation_rad)
+    arc = np.empty((len(pixel_a), count, 3))
+    arc[..., 0] = horizontal * np.cos(pixel_a[:, 1, None])
+    arc[..., 1] = horizontal * np.sin(pixel_a[:, 1, None])
+    arc[..., 2] = pixel_a[:, 0, None] * np.sin(elevation_rad)
+    x, y, z = np.moveaxis(arc @ b_from_a[:3, :3].T + b_from_a[:3, 3], -1, 0)
+    seen = np.empty((len(pixel_a), count, 2))
+    seen[..., 0] = np.sqrt(x * x + y * y + z * z)
+    bearing_rad = np.arctan2(y, x)
+    middle_rad = bearing_rad[:, count // 2, None]
+    seen[..., 1] = middle_rad + np.remainder(bearing_rad - middle_rad + np.pi, 2 * np.pi) - np.pi
+    return seen
+
+
+def near_arcs(seen: FloatArray, pixel_b: FloatArray, reach: FloatArray) -> BoolArray:
+    """Tell quickly which pixels of frame b may lie on each arc.
+
+    An arc is taken for the box of range and bearing that holds it, so some that are not near are let pass.
+
+    Args:
+        seen: (Ka, G, 2) range_m and bearing_rad of the points of each arc, in frame b.
         pixel_b: (Kb, 2) range_m and bearing_rad.
         reach: (Ka, 2) how far beyond its arc a pixel may lie, in range_m and bearing_rad.
-        count: points of each arc.
 
     Returns:
         (Ka, Kb).
     """
-    arc = sonar.elevation_arc(pixel_a[:, 0], pixel_a[:, 1], count)
-    range_m, bearing_rad, _ = project(arc @ b_from_a[:3, :3].T + b_from_a[:3, 3])
-    bearing_rad = np.unwrap(bearing_rad, axis=1)
-    sides = [
-        (pixel_b[:, axis], seen.min(axis=1) - reach[:, axis], seen.max(axis=1) + reach[:, axis])
-        for axis, seen in enumerate((range_m, bearing_rad))
-    ]
-    nearer, farther, starboard, port = (
-        compare(value, bound[:, None])
-        for value, low, high in sides
-        for compare, bound in ((np.greater_equal, low), (np.less_equal, high))
-    )
-    return np.asarray(nearer & farther & starboard & port)
+    least, greatest = seen.min(axis=1) - reach, seen.max(axis=1) + reach
+    near = pixel_b[:, 0] >= least[:, :1]
+    near &= pixel_b[:, 0] <= greatest[:, :1]
+    near &= pixel_b[:, 1] >= least[:, 1:]
+    near &= pixel_b[:, 1] <= greatest[:, 1:]
+    return np.asarray(near)

@@ -1,5 +1,7 @@
 """Planar filter: matches that agree on one motion in the plane, as far as unknown elevations allow."""
 
+from functools import lru_cache
+
 import numpy as np
 
 from asfm.planar_motion import agree_on_planar_motion
@@ -38,8 +40,14 @@ def find_planar_outliers(
 def pick_surest_pairs(cost: FloatArray, count: int = SUREST) -> IntArray:
     """Pair up the surest of (M,) matches, each with each: (T, 2)."""
     surest = np.argsort(cost, kind="stable")[:count]
-    first, second = np.triu_indices(len(surest), 1)
+    first, second = _every_pair(len(surest))
     return np.stack([surest[first], surest[second]], axis=1)
+
+
+@lru_cache
+def _every_pair(count: int) -> tuple[IntArray, IntArray]:
+    first, second = np.triu_indices(count, 1)
+    return first, second
 
 
 def place_in_plane(keypoints: Keypoints, which: IntArray) -> FloatArray:

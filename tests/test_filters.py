@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from asfm.config import Config, Filter, MatchingConfig, SslConfig, load_config
 from asfm.errors import AsfmError
 from asfm.frontend.filters import FILTERS, Pair, filter_matches
+from asfm.frontend.gating import see_arcs
 from asfm.frontend.matching import Nearest
 from asfm.poses import make_pose, transform
 from asfm.sonar import SonarModel, back_project, project
@@ -19,7 +20,6 @@ SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (600, 256), 0
 COUNT, WRONG = 60, 12
 """The first dozen matches are of points elsewhere."""
 B_FROM_A = make_pose(np.array([0.2, -0.3, 0.05]), Rotation.from_rotvec([0.02, -0.01, 0.1]))
-SIGMA = np.tile([0.02, 0.01], (COUNT, 1))
 
 
 def keypoints_at(xyz_m: FloatArray, patches: FloatArray) -> Keypoints:
@@ -43,9 +43,9 @@ def make_pair(seed: int = 0, count: int = COUNT, wrong: int = WRONG) -> Pair:
     other[:wrong] = rng.random((wrong, 15, 15))
     ratio = np.where(np.arange(count) < wrong, 0.95, 0.6)
     nearest = Nearest(np.stack([np.arange(count)] * 2, axis=1), ratio, np.arange(count) >= wrong)
-    return Pair(
-        keypoints_at(points, patches), keypoints_at(there, other), nearest, SONAR, B_FROM_A, SIGMA[:1].repeat(count, 0)
-    )
+    a, b = keypoints_at(points, patches), keypoints_at(there, other)
+    arcs = see_arcs(SONAR, B_FROM_A, np.stack([a.range_m, a.bearing_rad], axis=1))
+    return Pair(a, b, nearest, SONAR, arcs, np.tile([0.02, 0.01], (count, 1)))
 
 
 def config_of(*names: Filter) -> Config:
@@ -149,7 +149,7 @@ def test_filters_that_do_not_exist_or_come_twice_are_named(text: str, message: s
 def test_a_place_that_is_not_finite_is_an_outlier_and_spoils_no_other(name: Filter) -> None:
     pair = make_pair(wrong=0)
     pair.keypoints_b.range_m[7] = np.nan
-    pair.keypoints_a.bearing_rad[9] = np.inf
+    pair.keypoints_b.bearing_rad[9] = np.inf
     with np.errstate(invalid="ignore"):
         found = filter_matches(pair, 0, 1, config_of(name))
     assert sorted(found.rejected[:, 0].tolist()) == [7, 9]

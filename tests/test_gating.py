@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from asfm.evaluation.arcs import fits_arc
-from asfm.frontend.gating import PredictedPoses, arc_residuals, near_arcs
+from asfm.frontend.gating import PredictedPoses, arc_residuals, near_arcs, see_arcs
 from asfm.poses import make_pose, transform
 from asfm.sonar import SonarModel, back_project, project
 from asfm.types import FloatArray
@@ -134,7 +134,7 @@ def test_whoever_is_near_the_arc_is_near_its_box(seed: int) -> None:
     _, pixel_a, _ = scene(rng, 40)
     _, pixel_b, _ = scene(rng, 50)
     reach = np.tile(3 * SIGMA, (40, 1))
-    near = near_arcs(SONAR, b_from_a[0], pixel_a, pixel_b, reach)
+    near = near_arcs(see_arcs(SONAR, b_from_a[0], pixel_a), pixel_b, reach)
     a, b = (index.ravel() for index in np.indices((40, 50)))
     residual = arc_residuals(SONAR, b_from_a.repeat(2000, 0), pixel_a[a], pixel_b[b], SIGMA)
     assert near.ravel()[residual < 2.9].all()
@@ -164,3 +164,16 @@ def test_points_drift_as_far_as_the_prediction_says() -> None:
     predicted = PredictedPoses(np.eye(4)[None].repeat(5, 0), 0.01, 0.03)
     stated = predicted.spread(0, 4, np.array([4.0]), np.zeros(2))[0]
     np.testing.assert_allclose((pixels(moved) - [4.0, 0.3]).std(axis=0), stated, rtol=0.05)
+
+
+@pytest.mark.parametrize("turn_rad", [0.1, np.pi])
+def test_arcs_are_seen_where_their_points_are(turn_rad: float) -> None:
+    """Turned about, the scene lies behind the sonar, where bearings jump; those of one arc do not."""
+    rng = np.random.default_rng(6)
+    pixel_a = np.stack([rng.uniform(1, 9, 30), rng.uniform(-0.6, 0.6, 30)], axis=1)
+    b_from_a = make_pose(np.array([0.3, -0.2, 0.1]), Rotation.from_euler("zy", [turn_rad, 0.1]))
+    seen = see_arcs(SONAR, b_from_a, pixel_a, 9)
+    expected = pixels(transform(b_from_a, SONAR.elevation_arc(pixel_a[:, 0], pixel_a[:, 1], 9)))
+    np.testing.assert_allclose(seen[..., 0], expected[..., 0])
+    np.testing.assert_allclose(np.exp(1j * seen[..., 1]), np.exp(1j * expected[..., 1]), atol=1e-12)
+    assert np.abs(np.diff(seen[..., 1], axis=1)).max() < 1
