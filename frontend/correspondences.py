@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from asfm.config import Config
-from asfm.frontend.filters import Pair, filter_matches
-from asfm.frontend.gating import PredictedPoses
+from asfm.frontend.filters import Pair, difference_sigma, filter_matches
+from asfm.frontend.gating import PredictedPoses, see_arcs
 from asfm.frontend.matching import Nearest
-from asfm.sonar import SonarModel, feature_sigma
+from asfm.sonar import SonarModel
 from asfm.types import Keypoints, Matches
 
 OF_DESCRIPTORS = ("mutual", "ratio")
@@ -62,8 +62,9 @@ def judge_correspondences(
         nearest = Nearest(match.index, match.cost, np.ones(len(match), dtype=bool))
         pair = Pair(a, b, nearest, sonar)
         if predicted is not None:
-            noise = feature_sigma(sonar, config.noise) * np.sqrt(2.0)
-            sigma = predicted.spread(match.frame_a, match.frame_b, a.range_m, noise)
-            pair = Pair(a, b, nearest, sonar, predicted.relate(match.frame_a, match.frame_b), sigma)
+            sigma = predicted.spread(match.frame_a, match.frame_b, a.range_m, difference_sigma(sonar, config.noise))
+            pixel_a = np.stack([a.range_m, a.bearing_rad], axis=1)
+            arcs = see_arcs(sonar, predicted.relate(match.frame_a, match.frame_b), pixel_a)
+            pair = Pair(a, b, nearest, sonar, arcs, sigma)
         judged.append(filter_matches(pair, match.frame_a, match.frame_b, config))
     return judged

@@ -16,9 +16,10 @@ from asfm.types import BoolArray, Frame, ImageArray, Keypoints
 
 SMALLEST_PX = 16
 """Smaller images hold no feature that could be found again."""
+BORDER_ROWS = 16
+"""The nearest and farthest rows hold more of the sonar's own noise, which stands still, than of the scene."""
 PADDING_PX = (0, 16)
-"""(rows, columns) by which the picture goes on mirrored, since detectors stay away from borders. The outer beams see
-the scene; the nearest and farthest rows hold more of the sonar's own noise."""
+"""(rows, columns) by which the picture goes on mirrored: detectors stay away from borders, but outer beams see well."""
 SMALL_PX = 128
 SMALL_PADDING_PX = 32
 """A side below SMALL_PX is padded by this: A-KAZE finds nothing within some 27 pixels of a border."""
@@ -48,7 +49,7 @@ def detect_keypoints(frame: Frame, mask: BoolArray, sonar: SonarModel, config: C
         return _no_keypoints(settings, config.ssl.radius_px)
     space = _open_space(image, sonar, settings)
     picture = space.draw(_even_gain(image, settings))
-    features = _find_padded(picture, space.draw_mask(mask), settings)
+    features = _find_padded(picture, space.draw_mask(_keep_off_borders(mask)), settings)
     row_column = space.to_polar(features.xy_px)
     return Keypoints(
         row_column=row_column,
@@ -71,6 +72,15 @@ def cut_squares(frame: Frame, keypoints: Keypoints, sonar: SonarModel, config: C
     picture = space.draw(_even_gain(image, config.keypoints))
     xy_px = space.from_polar(keypoints.row_column)
     return replace(keypoints, patches=cut_patches(picture, xy_px[:, ::-1], config.ssl.radius_px))
+
+
+def _keep_off_borders(mask: BoolArray) -> BoolArray:
+    """Take the nearest and farthest rows out of the mask of an image that is not small."""
+    if len(mask) < SMALL_PX:
+        return mask
+    inner = np.zeros_like(mask)
+    inner[BORDER_ROWS:-BORDER_ROWS] = mask[BORDER_ROWS:-BORDER_ROWS]
+    return inner
 
 
 def _find_padded(picture: ImageArray, allowed: NDArray[np.uint8], settings: KeypointsConfig) -> Features:

@@ -243,6 +243,14 @@ def test_small_images_and_outer_beams_have_features_where_a_larger_image_has_the
     assert np.median(nearest_px) < 1.0
 
 
+def test_nearest_and_farthest_rows_are_left_out() -> None:
+    """A pattern of the sonar's own that stands still there would be matched with itself, whatever the motion."""
+    image = draw_debris()
+    found = detect(image, SONARS["wide beams"])
+    assert len(found) > 50
+    assert found.row_column[:, 0].min() > 15 and found.row_column[:, 0].max() < SHAPE[0] - 15
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_a_value_that_is_not_finite_is_refused(value: float) -> None:
     image = draw_debris()
