@@ -16,6 +16,8 @@ LEAST_CONTRAST = 0.4
 LEAST_SHARE = 0.03
 LOW_QUANTILE, LOW_QUANTILE_TO_MEAN = 0.1, 1.15
 """Weak echoes raise the mean of a band, not its low quantile: that of means over a window, and what makes it a mean."""
+NEAR_BANDS = 2
+"""Sonars blank what is near: it does not bound the noise of the rest."""
 EMPTY_FACTOR = 1.15
 FEW_PIXELS = 200
 ECHO_SIGMA_PX = 1.5
@@ -74,8 +76,8 @@ def smooth_echoes(image: ImageArray) -> ImageArray:
 def estimate_floor(image: ImageArray, valid: BoolArray) -> ImageArray:
     """Estimate the mean of the background of each row: (ranges, 1).
 
-    In bands of rows, the low end of what is rough enough for empty water. Noise grows with range at most in proportion
-    to it, and its bumps are broader than half the image: what exceeds that are wide echoes.
+    In bands of rows, the low end of what is rough enough for empty water. Noise grows at most with the square of range,
+    and its bumps are broader than half the image: what exceeds that are wide echoes.
     """
     window = (WINDOW_PX, WINDOW_PX)
     mean = cv2.blur(image, window)
@@ -94,7 +96,9 @@ def estimate_floor(image: ImageArray, valid: BoolArray) -> ImageArray:
         return np.zeros((len(image), 1), dtype=np.float32)
     centres = np.arange(count) + 0.5
     floor = np.interp(centres, middle, found)
-    floor = np.minimum.accumulate(floor / centres) * centres
+    growth = floor / centres**2
+    growth[: min(NEAR_BANDS, count - 1)] = np.inf
+    floor = np.minimum(floor, np.minimum.accumulate(growth) * centres**2)
     width = count // 2 | 1
     floor = grey_opening(np.pad(floor, width, mode="edge"), width)[width:-width]
     rows_in_bands = (np.arange(len(image)) + 0.5) * count / len(image)
