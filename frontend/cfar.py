@@ -5,6 +5,7 @@ of exponential power, as the noise of a coherent sonar has, exceed it with the a
 """
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from asfm.config import CfarConfig
 from asfm.errors import AsfmError
 from asfm.frontend.speckle import make_exponential
 from asfm.frontend.threshold_factors import average_factors, look_up_halves, order_factors, order_ranks
-from asfm.frontend.windows import clip_half, count_halves, count_ring, count_ring_below, sum_halves, sum_ring
+from asfm.frontend.windows import HalfSize, clip_half, count_halves, count_ring, count_ring_below, sum_halves, sum_ring
 from asfm.types import BoolArray, FloatArray
 
 Power = NDArray[np.float32]
@@ -105,29 +106,58 @@ def _exceeds(power: Power, usable: BoolArray, config: CfarConfig, relief: Power 
 
 def _exceeds_average(power: Power, usable: BoolArray, config: CfarConfig, relief: Power | None) -> BoolArray:
     total = sum_ring(power, config.reference_px, config.guard_px)
-    count = count_ring(usable, config.reference_px, config.guard_px)
-    counts = np.arange(count.max() + 1)
-    sum_factors = average_factors(counts, config.false_alarm_probability) / np.maximum(counts, 1)
-    limit = np.multiply(_not_negative(total), sum_factors.take(count), out=total)
+    (weight,) = _weigh(usable, config)
+    limit = np.multiply(_not_negative(total), weight, out=total)
     if relief is not None:
         limit *= relief
     return np.asarray(power > limit)
 
 
 def _exceeds_halves(power: Power, usable: BoolArray, config: CfarConfig, relief: Power | None) -> BoolArray:
-    sums = sum_halves(power, config.reference_px, config.guard_px)
-    counts = count_halves(usable, config.reference_px, config.guard_px)
-    rows, columns = clip_half(config.reference_px, power.shape)
-    largest, greatest = rows * (2 * columns + 1), config.method == "goca"
-    factor = look_up_halves(*counts, largest, config.false_alarm_probability, greatest)
+    sums = sum_halves(power, config.reference_px, config.guard_px)  # both may share memory
+    before, behind = (_not_negative(total) * weight for total, weight in zip(sums, _weigh(usable, config), strict=True))
+    # A half without cells has no number: the smaller one is the other.
+    limit = (np.maximum if config.method == "goca" else np.fmin)(before, behind)
     if relief is not None:
-        factor = factor * relief
-    means = [_not_negative(total) / np.maximum(count, 1) for total, count in zip(sums, counts, strict=True)]
-    if greatest:
-        return np.asarray(power > factor * np.maximum(*means))
-    for mean, count in zip(means, counts, strict=True):
-        mean[count == 0] = np.inf  # a half without cells is not the smaller one
-    return np.asarray(power > factor * np.minimum(*means))
+        limit *= relief
+    return np.asarray(power > limit)
+
+
+def _weigh(usable: BoolArray, config: CfarConfig) -> tuple[FloatArray, ...]:
+    """Find what the sums over the reference cells are multiplied by: (R, B) for all cells, or for each of two halves.
+
+    In images without a gap it is the same from frame to frame, and kept.
+    """
+    settings = (config.reference_px, config.guard_px, config.false_alarm_probability)
+    if usable.all():
+        return _weigh_full(usable.shape, config.method, *settings)
+    return _weigh_counts(usable, config.method, *settings)
+
+
+@lru_cache(maxsize=4)
+def _weigh_full(
+    shape: tuple[int, ...], method: str, reference_px: HalfSize, guard_px: HalfSize, probability: float
+) -> tuple[FloatArray, ...]:
+    weights = _weigh_counts(np.ones(shape, dtype=bool), method, reference_px, guard_px, probability)
+    for weight in weights:
+        weight.flags.writeable = False
+    return weights
+
+
+def _weigh_counts(
+    usable: BoolArray, method: str, reference_px: HalfSize, guard_px: HalfSize, probability: float
+) -> tuple[FloatArray, ...]:
+    if method == "ca":
+        count = count_ring(usable, reference_px, guard_px)
+        counts = np.arange(count.max() + 1)
+        return (np.asarray((average_factors(counts, probability) / np.maximum(counts, 1)).take(count)),)
+    halves = count_halves(usable, reference_px, guard_px)
+    rows, columns = clip_half(reference_px, usable.shape)
+    greatest = method == "goca"
+    factor = look_up_halves(*halves, rows * (2 * columns + 1), probability, greatest)
+    # Without cells the one half leaves the choice to the other, and both, of infinite factor, detect nothing.
+    empty = np.where(np.isinf(factor), np.inf, 0.0) if greatest else np.inf
+    return tuple(np.where(count > 0, factor / np.maximum(count, 1), empty) for count in halves)
 
 
 def _exceeds_order(power: Power, usable: BoolArray, config: CfarConfig, relief: Power | None) -> BoolArray:

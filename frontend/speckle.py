@@ -38,15 +38,19 @@ def make_exponential(image: Image, usable: BoolArray) -> Image:
     Returns:
         (ranges, beams), 0 where not usable.
     """
-    scaled = np.multiply(np.maximum(image, 0), usable, dtype=np.float32)
+    everywhere = bool(usable.all())
+    scaled = np.maximum(image, np.float32(0))
+    if not everywhere:
+        scaled *= usable.view(np.uint8)
     typical = _find_typical(scaled, usable)
     if typical <= 0:
         return np.zeros(image.shape, dtype=np.float32)
     scaled *= np.float32(1 / typical)
     shape = estimate_shape(scaled, usable)
-    np.clip(scaled, *(np.float32(power ** (1 / shape)) for power in POWERS), out=scaled)
+    least, largest = (np.float32(power ** (1 / shape)) for power in POWERS)
+    np.minimum(np.maximum(scaled, least, out=scaled), largest, out=scaled)
     power = cv2.pow(scaled, shape, dst=scaled)
-    return np.asarray(np.multiply(power, usable, out=power))
+    return np.asarray(power if everywhere else np.multiply(power, usable.view(np.uint8), out=power))
 
 
 def _find_typical(image: Image, usable: BoolArray) -> float:
@@ -86,7 +90,8 @@ def _measure_contrast(image: Image, usable: BoolArray) -> FloatArray:
     height, width = (min(TILE_PX, length) for length in image.shape)
     rows, columns = image.shape[0] // height, image.shape[1] // width
     part = (slice(0, rows * height), slice(0, columns * width))
-    planes = (np.asarray(usable[part], dtype=np.float32), image[part], image[part] * image[part])
+    share_plane = np.ones((rows, columns)) if usable.all() else usable[part].astype(np.float32)
+    planes = (share_plane, image[part], image[part] * image[part])
     averages = [cv2.resize(plane, (columns, rows), interpolation=cv2.INTER_AREA) for plane in planes]
     share, total, squares = (np.atleast_2d(average).astype(float).ravel() for average in averages)
     told = (share * height * width >= max(MIN_TILE_SHARE * height * width, 2)) & (total > 0)
