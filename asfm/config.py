@@ -87,8 +87,9 @@ class MatchingConfig(Section):
     """Each frame is matched with the frames 1..max_gap before it."""
     filters: tuple[Filter, ...] = ("mutual", "ratio", "arc", "planar", "ssl")
     """Which filters judge, and in which order: each sees what those before it left. arc needs predicted poses."""
-    guided: bool = True
-    """Where poses are predicted, only keypoints near the elevation arc are compared."""
+    guided: bool = False
+    """Where poses are predicted, compare only keypoints near the elevation arc: a tenth more right matches over large
+    gaps, but those confirm the prediction's own drift, and poses that depth and attitude hold got worse."""
     ratio: float = Field(default=0.9, gt=0, le=1)
     """Largest distance to the nearest over that to the second nearest."""
     arc_gate: float = Field(default=3.0, gt=0)

@@ -98,6 +98,7 @@ def test_pairs_that_somebody_names_are_matched() -> None:
 
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (600, 256), 0.2)
+GUIDED = Config(matching=MatchingConfig(guided=True))
 B_FROM_A = make_pose(np.array([0.1, -0.2, 0.0]), Rotation.from_euler("z", 0.1))
 """Frame b's sonar is the world, so that frame a's pose is the relative one."""
 
@@ -128,7 +129,7 @@ def right(matches: Matches) -> int:
 def test_a_prediction_tells_points_apart_that_look_alike() -> None:
     keypoints = views(1, alike=3)
     free = match_frames(0, 1, keypoints, Config(), SONAR)
-    guided = match_frames(0, 1, keypoints, Config(), SONAR, predict(B_FROM_A))
+    guided = match_frames(0, 1, keypoints, GUIDED, SONAR, predict(B_FROM_A))
     assert right(guided) > 0.85 * COUNT > 0.5 * COUNT > right(free)
     assert right(guided) == len(guided)
 
@@ -136,17 +137,18 @@ def test_a_prediction_tells_points_apart_that_look_alike() -> None:
 def test_a_prediction_that_the_images_contradict_is_not_believed() -> None:
     keypoints = views(2, alike=1)
     elsewhere = make_pose(np.array([1.5, 1.0, 0.0]), Rotation.from_euler("z", -0.5))
-    found = match_frames(0, 1, keypoints, Config(), SONAR, predict(elsewhere))
-    assert right(found) == len(found) > 0.9 * COUNT
+    for config in (Config(), GUIDED):
+        found = match_frames(0, 1, keypoints, config, SONAR, predict(elsewhere))
+        assert right(found) == len(found) > 0.9 * COUNT
 
 
-def test_guidance_can_be_switched_off() -> None:
+def test_without_guidance_what_looks_alike_is_lost() -> None:
     keypoints = views(1, alike=3)
-    config = Config(matching=MatchingConfig(guided=False))
-    free = match_frames(0, 1, keypoints, config, SONAR, predict(B_FROM_A))
+    free = match_frames(0, 1, keypoints, Config(), SONAR, predict(B_FROM_A))
     assert right(free) < 0.5 * COUNT
 
 
 def test_nothing_seen_is_no_match_with_a_prediction_too() -> None:
     for pair in ([nothing_seen(), views(1, 1)[1]], [views(1, 1)[0], nothing_seen()]):
-        assert len(match_frames(0, 1, pair, Config(), SONAR, predict(B_FROM_A))) == 0
+        for config in (Config(), GUIDED):
+            assert len(match_frames(0, 1, pair, config, SONAR, predict(B_FROM_A))) == 0
