@@ -170,16 +170,16 @@ def simulate(
 @app.command()
 def denoise(
     sequences: Annotated[
-        list[Path] | None, typer.Argument(help="Native folders with truth; none: simulate.", metavar="[SEQUENCE]...")
+        list[Path] | None, typer.Argument(help="Native folders with truth; none: simulate.", metavar="SEQUENCE")
     ] = None,
     frames: Annotated[
         int | None, typer.Option(help="Of each sequence (10 by default), or of each scene and sonar (1 by default).")
     ] = None,
     scenes: Annotated[
-        list[str] | None, typer.Option("--scene", help="To simulate; may be repeated; all by default.", metavar="SCENE")
+        list[str] | None, typer.Option("--scene", help="To simulate, all by default; may be repeated.", metavar="SCENE")
     ] = None,
     sonars: Annotated[
-        list[str] | None, typer.Option("--sonar", help="To simulate; may be repeated; all by default.", metavar="SONAR")
+        list[str] | None, typer.Option("--sonar", help="To simulate, all by default; may be repeated.", metavar="SONAR")
     ] = None,
     seed: Annotated[int, typer.Option(help="Of the first simulated frame; each further one has the next.")] = 0,
     config: Annotated[Path | None, typer.Option(help="YAML file of settings that differ from the defaults.")] = None,

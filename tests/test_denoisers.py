@@ -105,7 +105,9 @@ def test_means_are_over_frames_and_over_those_of_a_scene() -> None:
 
 def test_losses_are_said_in_words_where_they_are_and_nowhere_else() -> None:
     psnr, support = list_losses(DenoisingTable(ROWS))
-    assert psnr == "ours loses in PSNR: tank (27.00 against 30.00 of raw); b (27.00 against 30.00 of raw)"
+    assert (
+        psnr == "ours loses in PSNR: tank (27.00 against 30.00 of raw); b (27.00 against 30.00 of raw); 1 of 2 frames"
+    )
     assert support.startswith("ours loses in PSNR in the support: pier (17.00 against 18.00 of raw)")
     better = tuple(
         replace(row, quality=DenoisingQuality(40.0, 0.95, 40.0)) if row.method == OURS else row for row in ROWS
@@ -113,5 +115,5 @@ def test_losses_are_said_in_words_where_they_are_and_nowhere_else() -> None:
     assert list_losses(DenoisingTable(better)) == ("ours loses by no measure, in no scene and for no sonar",)
     worse = tuple(replace(row, quality=DenoisingQuality(1.0, 0.1, 1.0)) if row.method == OURS else row for row in ROWS)
     assert list_losses(DenoisingTable(worse))[0] == (
-        "ours loses in PSNR: 1.00 against 25.00 dB of raw; every scene; every sonar"
+        "ours loses in PSNR: 1.00 against 25.00 dB of raw; every scene; every sonar; 2 of 2 frames"
     )

@@ -75,7 +75,7 @@ def describe_denoising(table: "DenoisingTable") -> list[str]:
         inside = "" if mean.support_psnr_db is None else f"{mean.support_psnr_db:.2f}"
         over = f"{mean.psnr_db - raw_db:+.2f}"
         rows.append((method, f"{mean.psnr_db:.2f}", over, f"{mean.ssim:.3f}", inside, f"{table.wall_ms(method):.1f}"))
-    count = len({(row.scene, row.sonar, row.frame) for row in table.rows})
+    count = len({row.key for row in table.rows})
     lines = [f"mean over {count} frame{'' if count == 1 else 's'}", *align(rows, numbers=range(1, 6))]
     for group in ("scene", "sonar"):
         lines += _break_down(table, group)

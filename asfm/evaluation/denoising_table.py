@@ -33,6 +33,11 @@ class DenoisedFrame:
     quality: DenoisingQuality
     wall_ms: float
 
+    @property
+    def key(self) -> tuple[str, str, int]:
+        """What all methods' rows of one frame share."""
+        return self.scene, self.sonar, self.frame
+
 
 @dataclass(frozen=True)
 class DenoisingTable:
@@ -53,11 +58,11 @@ class DenoisingTable:
 
     def average(self, method: str, **group: str) -> DenoisingQuality:
         """Average a method over all frames, or over those of one ``scene`` or ``sonar``; every frame weighs alike."""
-        return average_denoising([row.quality for row in self._pick(method, group)])
+        return average_denoising([row.quality for row in self.pick(method, **group)])
 
     def wall_ms(self, method: str) -> float:
         """Average the time that a method took for a frame."""
-        return float(np.mean([row.wall_ms for row in self._pick(method, {})]))
+        return float(np.mean([row.wall_ms for row in self.pick(method)]))
 
     def as_dict(self) -> dict[str, Any]:
         """Turn the table into what JSON holds: means, means by scene and by sonar, every frame, and the words."""
@@ -75,7 +80,8 @@ class DenoisingTable:
             for name in self.names(group)
         }
 
-    def _pick(self, method: str, group: Mapping[str, str]) -> Iterator[DenoisedFrame]:
+    def pick(self, method: str, **group: str) -> Iterator[DenoisedFrame]:
+        """Give the rows of a method, or those of one ``scene`` or ``sonar``."""
         wanted = {"method": method, **group}
         return (row for row in self.rows if all(getattr(row, key) == value for key, value in wanted.items()))
 
@@ -153,7 +159,21 @@ def _describe_loss(table: DenoisingTable, method: str, measure: tuple[str, str, 
                 places.append(f"{place} ({lost[0]:.{digits}f} against {lost[2]:.{digits}f} of {lost[1]})")
         if places:
             parts.append(f"every {group}" if len(places) == len(names) else ", ".join(places))
+    frames = _count_lost_frames(table, method, field)
+    if frames:
+        parts.append(f"{frames} of {len(tuple(table.pick(method)))} frames")
     return f"{method} loses in {name}: {'; '.join(parts)}" if parts else ""
+
+
+def _count_lost_frames(table: DenoisingTable, method: str, field: str) -> int:
+    """Count the frames in which another method is better."""
+    best: dict[tuple[str, str, int], float] = {}
+    for row in table.rows:
+        value = getattr(row.quality, field)
+        if row.method not in (method, MASK, OURS) and value is not None:
+            best[row.key] = max(value, best.get(row.key, value))
+    own = {row.key: getattr(row.quality, field) for row in table.pick(method)}
+    return sum(value is not None and value < best.get(key, value) for key, value in own.items())
 
 
 def _compare_with_others(
