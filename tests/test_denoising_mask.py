@@ -5,7 +5,7 @@ import pytest
 from scipy.ndimage import binary_dilation
 from sklearn.cluster import DBSCAN
 
-from asfm.config import Config, KeypointsConfig
+from asfm.config import Config, KeypointsConfig, load_config
 from asfm.frontend.cfar import detect_cfar
 from asfm.frontend.denoising import detect_mask
 from asfm.types import BoolArray, Frame, ImageArray
@@ -121,3 +121,17 @@ def test_logarithmic_images_are_detected_on_their_amplitude() -> None:
     config = Config()
     np.testing.assert_array_equal(detect_mask(decibels, config), detect_mask(plain, config))
     assert detect_mask(plain, config)[50:56, 30:38].all()
+
+
+def test_the_settings_of_cfar_reach_the_mask() -> None:
+    image = draw_echo()
+    plain = mask_of(image)
+    power = detect_mask(Frame(0, 0.0, image * image, DATA), load_config(None, ("cfar.noise=exponential",)))
+    np.testing.assert_array_equal(power, plain)
+    root = detect_mask(Frame(0, 0.0, np.sqrt(image), DATA), load_config(None, ("cfar.noise=weibull",)))
+    assert (root != plain).mean() < 0.03
+    many = "cfar.false_alarm_probability=0.3"
+    plain = detect_mask(Frame(0, 0.0, image, DATA), load_config(None, (many,)))
+    for settings in (("cfar.method=soca",), ("cfar.method=os",), ("cfar.guard_px=[4, 0]", "cfar.reference_px=[16, 0]")):
+        mask = detect_mask(Frame(0, 0.0, image, DATA), load_config(None, (many, *settings)))
+        assert mask[50:60, 20:32].any() and (mask != plain).any()

@@ -85,26 +85,29 @@ def compare_order(shape: tuple[int, int], seed: int) -> Comparison:
     """Order-statistic CFAR against SciPy's rank filter, with our factors."""
     from scipy.ndimage import rank_filter
 
+    from asfm.frontend.cfar import detect_cfar
     from asfm.frontend.threshold_factors import order_factors, order_ranks
     from asfm.frontend.windows import count_ring
 
     config = CfarConfig(method="os")
     image, ring = make_speckle(shape, seed), _make_ring(config)
     everywhere = np.ones(shape, dtype=bool)
-    fraction, probability = config.order_fraction, config.false_alarm_probability
+    whole = np.array([ring.sum()])
+    # At the border ranks differ from pixel to pixel, where SciPy has one for all: it is left out.
+    inside = count_ring(everywhere, config.reference_px, config.guard_px) == whole
 
     def with_scipy() -> Array:
         power = image.astype(float) ** 2
-        whole = np.array([ring.sum()])
-        rank = int(order_ranks(whole, fraction)[0])
-        factor = float(order_factors(whole, probability, fraction)[0])
-        detected = power > factor * rank_filter(power, rank=rank - 1, footprint=ring, mode="constant", cval=np.inf)
-        # At the border ranks differ from pixel to pixel: SciPy has one for all, so the few are sorted one by one.
-        for row, column in np.argwhere(count_ring(everywhere, config.reference_px, config.guard_px) < whole[0]):
-            detected[row, column] = power[row, column] > _sort_cells(power, ring, (int(row), int(column)), config)
-        return np.asarray(detected)
+        rank = int(order_ranks(whole, config.order_fraction)[0])
+        factor = float(order_factors(whole, config.false_alarm_probability, config.order_fraction)[0])
+        statistic = rank_filter(power, rank=rank - 1, footprint=ring, mode="constant", cval=np.inf)
+        return np.asarray((power > factor * statistic) & inside)
 
-    return _compare_detections("order statistic", config, image, "scipy rank_filter", with_scipy)
+    def with_asfm() -> Array:
+        return np.asarray(detect_cfar(image, everywhere, config) & inside)
+
+    title = f"order statistic CFAR, {shape[0]} x {shape[1]}"
+    return Comparison(title, with_asfm, {"scipy rank_filter": with_scipy}, 1e-4)
 
 
 def compare_clusters(shape: tuple[int, int], seed: int, labels: bool = False) -> Comparison:
@@ -178,15 +181,3 @@ def _make_ring(config: CfarConfig) -> BoolArray:
     (rows, columns), (guard_rows, guard_columns) = config.reference_px, config.guard_px
     row, column = np.mgrid[-rows : rows + 1, -columns : columns + 1]
     return np.asarray((np.abs(row) > guard_rows) | (np.abs(column) > guard_columns))
-
-
-def _sort_cells(power: Array, ring: BoolArray, cell: tuple[int, int], config: CfarConfig) -> float:
-    """Threshold of one cell from its sorted reference cells."""
-    from asfm.frontend.threshold_factors import order_factors, order_ranks
-
-    rows, columns = np.argwhere(ring).T + np.array(cell)[:, None] - np.array(config.reference_px)[:, None]
-    inside = (rows >= 0) & (rows < power.shape[0]) & (columns >= 0) & (columns < power.shape[1])
-    cells = np.sort(power[rows[inside], columns[inside]])
-    count = np.array([len(cells)])
-    factor = order_factors(count, config.false_alarm_probability, config.order_fraction)
-    return float(factor[0] * cells[order_ranks(count, config.order_fraction)[0] - 1])
