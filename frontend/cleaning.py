@@ -20,7 +20,7 @@ DARKEST = 1e-12
 
 def mask_image(frame: Frame, config: Config) -> ImageArray:
     """Set to zero what is outside the mask of CFAR and DBSCAN, as the paper does. (ranges, beams) in 0..1."""
-    return np.where(detect_mask(frame, config), frame.image, np.float32(0))
+    return np.where(detect_mask(frame, config) & np.isfinite(frame.image), frame.image, np.float32(0))
 
 
 def clean_image(frame: Frame, config: Config) -> ImageArray:
@@ -32,10 +32,11 @@ def clean_image(frame: Frame, config: Config) -> ImageArray:
     Floor, correlation and contrast of the noise are estimated from the image: one without noise is left as it is.
 
     Returns:
-        (ranges, beams) in 0..1, on the scale of ``frame.image``; zero where there is no data.
+        (ranges, beams) in 0..1, on the scale of ``frame.image``; zero where there is no data or no number.
     """
-    valid = ~frame.invalid
-    image = _fill_gaps(frame.amplitude, valid)
+    amplitude = frame.amplitude
+    valid = ~frame.invalid & np.isfinite(amplitude)
+    image = _fill_gaps(amplitude, valid)
     noise = estimate_noise(image, valid)
     smooth = smooth_echoes(image)
     mask = keep_clusters((smooth > _find_limit(noise)) & valid, config.clusters)
@@ -57,7 +58,7 @@ def _fill_gaps(image: ImageArray, valid: BoolArray) -> ImageArray:
     if valid.all():
         return image
     weight = valid.astype(np.float32)
-    total, count = (cv2.blur(part, (FILL_PX, FILL_PX)) for part in (image * weight, weight))
+    total, count = (cv2.blur(part, (FILL_PX, FILL_PX)) for part in (np.where(valid, image, np.float32(0)), weight))
     return np.where(valid, image, total / np.maximum(count, np.float32(1e-6)))
 
 

@@ -145,6 +145,15 @@ def test_what_is_no_data_is_zero_and_disturbs_nothing_far_away() -> None:
     assert not clean_up(image, ~invalid | invalid).any()
 
 
+def test_what_is_no_number_is_no_data() -> None:
+    image, invalid = spoil(draw_scene(), 8), np.zeros(SHAPE, dtype=bool)
+    invalid[150:160, 40:50] = True
+    holed = np.where(invalid, np.float32(np.nan), image)
+    np.testing.assert_array_equal(clean_up(holed), clean_up(image, invalid))
+    assert np.isfinite(mask_image(Frame(0, 0.0, holed, ~VALID), Config())).all()
+    assert not clean_up(np.full(SHAPE, np.nan, dtype=np.float32)).any()
+
+
 @pytest.mark.parametrize("value", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("shape", [(1, 1), (1, 40), (40, 1), (2, 2), (11, 11), (120, 90)])
 def test_an_even_image_stays_even(shape: tuple[int, int], value: float) -> None:
