@@ -64,11 +64,10 @@ def label_clusters(detections: BoolArray, config: ClustersConfig) -> IntArray:
     count = int(label.max()) + 1
     weight = np.zeros(detections.shape, dtype=np.uint16 if count < 2**16 else np.float32)
     weight.ravel()[where] = count - label
-    reached = cv2.dilate(weight, disc).ravel()
-    found = np.flatnonzero(detections)
-    own = reached.take(found).astype(np.int64)
+    reached = cv2.dilate(weight, disc)
+    found = np.flatnonzero((reached > 0) & detections)
     labels = np.full(detections.shape, -1, dtype=np.int64)
-    labels.ravel()[found] = np.where(own > 0, count - own, -1)
+    labels.ravel()[found] = count - reached.ravel().take(found).astype(np.int64)
     return labels
 
 
