@@ -44,7 +44,9 @@ def agree_on_planar_motion(
             break
         refit = _fit(a[None, agrees], b[None, agrees])
         turn, shift = refit[0][0], refit[1][0]
-        agrees = np.asarray(_squared_distances(a, b, *refit)[0] < limit2)
+        before, agrees = agrees, np.asarray(_squared_distances(a, b, *refit)[0] < limit2)
+        if np.array_equal(before, agrees):
+            break
     middle_a, middle_b = complex(*centre[0]), complex(*centre[1])
     return _lift(turn, shift + middle_a - turn * middle_b), agrees
 

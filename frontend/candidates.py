@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from asfm.config import Config
-from asfm.frontend.filters import Pair, difference_sigma, filter_matches
+from asfm.frontend.filters import Pair, difference_sigma, filter_pairs
 from asfm.frontend.gating import PredictedPoses, near_arcs, see_arcs
 from asfm.frontend.matching import find_nearest
 from asfm.sonar import SonarModel
@@ -33,34 +33,7 @@ def match_frames(
         predicted: guide the matching and its arc filter; neither is without. A prediction that the images
             contradict, because without it far more matches agree with each other, is not used.
     """
-    a, b = keypoints[frame_a], keypoints[frame_b]
-    guided = None
-    if sonar is not None and predicted is not None:
-        guided = filter_matches(
-            _propose_near(frame_a, frame_b, a, b, config, sonar, predicted), frame_a, frame_b, config
-        )
-        if len(guided) >= DOUBTFUL * min(len(a), len(b)):
-            return guided
-    nearest = find_nearest(a, b)
-    free = filter_matches(Pair(a, b, nearest, sonar), frame_a, frame_b, config)
-    return free if guided is None or len(free) > 2 * len(guided) + CHANCE else guided
-
-
-def _propose_near(
-    frame_a: int,
-    frame_b: int,
-    a: Keypoints,
-    b: Keypoints,
-    config: Config,
-    sonar: SonarModel,
-    predicted: PredictedPoses,
-) -> Pair:
-    """Find the nearest descriptors among keypoints near the predicted elevation arc."""
-    sigma = predicted.spread(frame_a, frame_b, a.range_m, difference_sigma(sonar, config.noise))
-    pixel_a, pixel_b = (np.stack([frame.range_m, frame.bearing_rad], axis=1) for frame in (a, b))
-    arcs = see_arcs(sonar, predicted.relate(frame_a, frame_b), pixel_a)
-    near = near_arcs(arcs, pixel_b, config.matching.arc_gate * sigma) if config.matching.guided else None
-    return Pair(a, b, find_nearest(a, b, near), sonar, arcs, sigma)
+    return match_pairs([(frame_a, frame_b)], keypoints, config, sonar, predicted)[0]
 
 
 def match_with_previous(
@@ -84,4 +57,44 @@ def match_pairs(
     predicted: PredictedPoses | None = None,
 ) -> list[Matches]:
     """Match the pairs of frames (a, b) that somebody names, such as loops. See :func:`match_frames`."""
-    return [match_frames(a, b, keypoints, config, sonar, predicted) for a, b in pairs]
+    named = list(pairs)
+    if sonar is None or predicted is None:
+        return _match_freely(named, keypoints, config, sonar)
+    proposed = [_propose_near(a, b, keypoints[a], keypoints[b], config, sonar, predicted) for a, b in named]
+    matches = filter_pairs(proposed, named, config)
+    few = [number for number, (a, b) in enumerate(named) if _is_doubtful(matches[number], keypoints[a], keypoints[b])]
+    for number, free in zip(
+        few, _match_freely([named[number] for number in few], keypoints, config, sonar), strict=True
+    ):
+        if len(free) > 2 * len(matches[number]) + CHANCE:
+            matches[number] = free
+    return matches
+
+
+def _is_doubtful(matches: Matches, a: Keypoints, b: Keypoints) -> bool:
+    return len(matches) < DOUBTFUL * min(len(a), len(b))
+
+
+def _match_freely(
+    pairs: Sequence[tuple[int, int]], keypoints: Sequence[Keypoints], config: Config, sonar: SonarModel | None
+) -> list[Matches]:
+    """Match without a prediction."""
+    sides = [(keypoints[a], keypoints[b]) for a, b in pairs]
+    return filter_pairs([Pair(a, b, find_nearest(a, b), sonar) for a, b in sides], pairs, config) if sides else []
+
+
+def _propose_near(
+    frame_a: int,
+    frame_b: int,
+    a: Keypoints,
+    b: Keypoints,
+    config: Config,
+    sonar: SonarModel,
+    predicted: PredictedPoses,
+) -> Pair:
+    """Find the nearest descriptors among keypoints near the predicted elevation arc."""
+    sigma = predicted.spread(frame_a, frame_b, a.range_m, difference_sigma(sonar, config.noise))
+    pixel_a, pixel_b = (np.stack([frame.range_m, frame.bearing_rad], axis=1) for frame in (a, b))
+    arcs = see_arcs(sonar, predicted.relate(frame_a, frame_b), pixel_a)
+    near = near_arcs(arcs, pixel_b, config.matching.arc_gate * sigma) if config.matching.guided else None
+    return Pair(a, b, find_nearest(a, b, near), sonar, arcs, sigma)

@@ -1,10 +1,11 @@
 """Outlier filters: each judges the matches of one pair of frames, alone or after others, in any order."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from asfm.config import Config, NoiseConfig
 from asfm.errors import AsfmError
@@ -59,19 +60,55 @@ Verdict = tuple[BoolArray, FloatArray]
 
 
 def filter_matches(pair: Pair, frame_a: int, frame_b: int, config: Config) -> Matches:
+    """Filter the matches of one pair of frames. See :func:`filter_pairs`."""
+    return filter_pairs([pair], [(frame_a, frame_b)], config)[0]
+
+
+def filter_pairs(pairs: Sequence[Pair], frames: Sequence[tuple[int, int]], config: Config) -> list[Matches]:
     """Let the filters of ``matching.filters`` judge in their order, each only what those before it left.
 
     The cost of a match is its ratio and what the filters add to it: it ranks matches when tracks are built. Every
-    rejected match remembers the filter.
+    rejected match remembers the filter. The pairs do not influence each other.
+
+    Args:
+        pairs: what is proposed between pairs of frames.
+        frames: the frames' indices, as many.
     """
-    cost, rejected, numbers = pair.nearest.ratio, [NOBODY], []
-    for name in config.matching.filters:
-        passes, rise = FILTERS[name](pair, config)
-        rejected.append(pair.index[~passes].astype(np.int32))
-        numbers.append(len(rejected[-1]))
-        cost, pair = (cost + rise)[passes], pair.take(passes)
-    by = np.repeat(np.arange(len(numbers), dtype=np.int8), np.array(numbers, dtype=np.int64))
-    return Matches(frame_a, frame_b, pair.index, cost, np.concatenate(rejected), by, config.matching.filters)
+    left, costs = list(pairs), [pair.nearest.ratio for pair in pairs]
+    rejected: list[list[NDArray[np.int32]]] = [[] for _ in pairs]
+    for name in config.matching.filters if pairs else ():
+        for number, (passes, rise) in enumerate(_judge(name, left, config)):
+            rejected[number].append(left[number].index[~passes].astype(np.int32))
+            costs[number] = (costs[number] + rise)[passes]
+            left[number] = left[number].take(passes)
+    return [
+        _remember(a, b, pair.index, cost, parts, config.matching.filters)
+        for (a, b), pair, cost, parts in zip(frames, left, costs, rejected, strict=True)
+    ]
+
+
+def _judge(name: str, pairs: Sequence[Pair], config: Config) -> list[Verdict]:
+    """Ask one filter about every pair; the structural-and-spatial loss looks at all squares at once."""
+    if name != "ssl":
+        return [FILTERS[name](pair, config) for pair in pairs]
+    squares_a = np.concatenate([pair.keypoints_a.patches[pair.index[:, 0]] for pair in pairs])
+    squares_b = np.concatenate([pair.keypoints_b.patches[pair.index[:, 1]] for pair in pairs])
+    loss = structural_spatial_loss(squares_a, squares_b, config.ssl)
+    ends = np.cumsum([len(pair) for pair in pairs])
+    return [(part <= config.ssl.max_loss, part) for part in np.split(loss, ends[:-1])]
+
+
+def _remember(
+    frame_a: int,
+    frame_b: int,
+    index: IntArray,
+    cost: FloatArray,
+    rejected: Sequence[NDArray[np.int32]],
+    names: tuple[str, ...],
+) -> Matches:
+    """Join what each filter rejected, in their order."""
+    by = np.repeat(np.arange(len(rejected), dtype=np.int8), np.array([len(part) for part in rejected], dtype=np.int64))
+    return Matches(frame_a, frame_b, index, cost, np.concatenate([NOBODY, *rejected]), by, names)
 
 
 def filter_mutual(pair: Pair, config: Config) -> Verdict:
@@ -86,9 +123,7 @@ def filter_ratio(pair: Pair, config: Config) -> Verdict:
 
 def filter_ssl(pair: Pair, config: Config) -> Verdict:
     """Pass matches whose surroundings look alike; their loss is added to their cost."""
-    a, b = pair.index.T
-    loss = structural_spatial_loss(pair.keypoints_a.patches[a], pair.keypoints_b.patches[b], config.ssl)
-    return loss <= config.ssl.max_loss, loss
+    return _judge("ssl", [pair], config)[0]
 
 
 def filter_arc(pair: Pair, config: Config) -> Verdict:

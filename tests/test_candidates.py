@@ -152,3 +152,22 @@ def test_nothing_seen_is_no_match_with_a_prediction_too() -> None:
     for pair in ([nothing_seen(), views(1, 1)[1]], [views(1, 1)[0], nothing_seen()]):
         for config in (Config(), GUIDED):
             assert len(match_frames(0, 1, pair, config, SONAR, predict(B_FROM_A))) == 0
+
+
+def test_many_pairs_at_once_are_matched_as_one_by_one() -> None:
+    keypoints = [*views(1, 2), *views(1, 1), nothing_seen()]
+    poses = np.stack([B_FROM_A, np.eye(4), B_FROM_A, np.eye(4), np.eye(4)])
+    predicted = PredictedPoses(poses, 0.005, 0.02)
+    pairs = [(0, 1), (0, 4), (2, 3), (1, 3), (3, 0)]
+    for guess in (None, predicted):
+        together = match_pairs(pairs, keypoints, GUIDED, SONAR, guess)
+        for (a, b), found in zip(pairs, together, strict=True):
+            alone = match_frames(a, b, keypoints, GUIDED, SONAR, guess)
+            assert (found.frame_a, found.frame_b) == (a, b)
+            for name in ("index", "cost", "rejected", "rejected_by"):
+                np.testing.assert_allclose(getattr(found, name), getattr(alone, name), rtol=1e-6)
+
+
+def test_the_first_frame_has_nobody_before_it() -> None:
+    for guess in (None, predict(B_FROM_A)):
+        assert match_with_previous(0, views(1, 1), Config(), SONAR, guess) == []
