@@ -20,9 +20,8 @@ from benchmark_kernels import COMPARISONS, Array, Comparison, choose_comparisons
 from benchmark_rates import list_rates
 from benchmark_runs import RunFailed, describe_run, measure_run, tabulate_reach
 
-
 CLOCKS: dict[str, Callable[[], float]] = {"wall": time.perf_counter, "processor": time.process_time}
-"""On a machine shared with others the processor's time is the fairer: short calls are seldom interrupted, long often."""
+"""On a machine shared with others the processor's time is the fairer: what takes long is interrupted more often."""
 
 
 def time_in_turns(
