@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from asfm.config import Config, KeypointsConfig
 from asfm.errors import AsfmError
-from asfm.frontend.detectors import Features, find_features, no_features
+from asfm.frontend.detectors import Features, Picture, find_features, no_features
+from asfm.frontend.gain import even_gain
 from asfm.frontend.image_space import ImageSpace, make_space
 from asfm.frontend.patches import cut_patches
 from asfm.sonar import SonarModel
@@ -23,9 +23,6 @@ PADDING_PX = (0, 16)
 SMALL_PX = 128
 SMALL_PADDING_PX = 32
 """A side below SMALL_PX is padded by this: A-KAZE finds nothing within some 27 pixels of a border."""
-BRIGHT_PERCENTILE = 99.5
-KNEE = 0.6
-"""Echoes brighter than this share of the bright ones are compressed."""
 
 
 def detect_keypoints(frame: Frame, mask: BoolArray, sonar: SonarModel, config: Config) -> Keypoints:
@@ -48,7 +45,7 @@ def detect_keypoints(frame: Frame, mask: BoolArray, sonar: SonarModel, config: C
     if min(image.shape) < SMALLEST_PX:
         return _no_keypoints(settings, config.ssl.radius_px)
     space = _open_space(image, sonar, settings)
-    picture = space.draw(_even_gain(image, settings))
+    picture = space.draw(even_gain(image, settings))
     features = _find_padded(picture, space.draw_mask(_keep_off_borders(mask)), settings)
     row_column = space.to_polar(features.xy_px)
     return Keypoints(
@@ -61,6 +58,16 @@ def detect_keypoints(frame: Frame, mask: BoolArray, sonar: SonarModel, config: C
     )
 
 
+def draw_picture(frame: Frame, sonar: SonarModel, config: Config) -> Picture:
+    """Draw the picture of bytes that the detector looks at, without what goes on beyond its borders.
+
+    Raises:
+        AsfmError: image and sonar differ in shape, or the image holds a value that is not finite.
+    """
+    image = _check(frame.image, frame.invalid)
+    return _as_bytes(_open_space(image, sonar, config.keypoints).draw(even_gain(image, config.keypoints)))
+
+
 def cut_squares(frame: Frame, keypoints: Keypoints, sonar: SonarModel, config: Config) -> Keypoints:
     """Give keypoints found elsewhere the squares of the picture around them.
 
@@ -69,7 +76,7 @@ def cut_squares(frame: Frame, keypoints: Keypoints, sonar: SonarModel, config: C
     """
     image = _check(frame.image, frame.invalid)
     space = _open_space(image, sonar, config.keypoints)
-    picture = space.draw(_even_gain(image, config.keypoints))
+    picture = space.draw(even_gain(image, config.keypoints))
     xy_px = space.from_polar(keypoints.row_column)
     return replace(keypoints, patches=cut_patches(picture, xy_px[:, ::-1], config.ssl.radius_px))
 
@@ -83,30 +90,19 @@ def _keep_off_borders(mask: BoolArray) -> BoolArray:
     return inner
 
 
-def _find_padded(picture: ImageArray, allowed: NDArray[np.uint8], settings: KeypointsConfig) -> Features:
+def _as_bytes(picture: ImageArray) -> Picture:
+    return (picture * 255).astype(np.uint8)
+
+
+def _find_padded(picture: ImageArray, allowed: Picture, settings: KeypointsConfig) -> Features:
     """Find features of a picture that goes on mirrored beyond its borders, and take the borders off again."""
     sides = zip(picture.shape, PADDING_PX, strict=True)
     rows, columns = (SMALL_PADDING_PX if length < SMALL_PX else usual for length, usual in sides)
     border = (rows, rows, columns, columns)
-    grey = cv2.copyMakeBorder((picture * 255).astype(np.uint8), *border, cv2.BORDER_REFLECT)
+    grey = cv2.copyMakeBorder(_as_bytes(picture), *border, cv2.BORDER_REFLECT)
     padded = cv2.copyMakeBorder(allowed, *border, cv2.BORDER_CONSTANT, value=0)
     features = find_features(grey, padded, settings)
     return replace(features, xy_px=np.clip(features.xy_px - (columns, rows), 0, picture.shape[::-1]))
-
-
-def _even_gain(image: ImageArray, settings: KeypointsConfig) -> ImageArray:
-    """Smooth the speckle and scale the brightest echoes towards 1, so that thresholds mean the same for every gain.
-
-    Above the knee the scale bends and never ends: echoes cut off flat would have no place.
-    """
-    brightest = float(np.percentile(image, BRIGHT_PERCENTILE))
-    if brightest <= 0:
-        brightest = float(image.max())
-    scaled = image / np.float32(brightest if brightest > 0 else 1)
-    if settings.smoothing_px > 0:
-        scaled = cv2.GaussianBlur(scaled, (0, 0), settings.smoothing_px)
-    over, room = np.maximum(scaled - np.float32(KNEE), 0), np.float32(1 - KNEE)
-    return np.asarray(np.clip(scaled, 0, KNEE) + room * over / (over + room), dtype=np.float32)
 
 
 def _check(image: ImageArray, mask: BoolArray) -> ImageArray:

@@ -3,6 +3,8 @@
 ``python tools/benchmark.py all``, or the name of one comparison, times stages side by side in one process. Contenders
 take turns, so that a busy machine slows all of them alike; what counts is the ratio of the medians, and whether the
 results agree.
+``python tools/benchmark.py frontend [DATA_FOLDER]`` sets every number that the front-end is asked to reach beside what
+it reaches: its stages, the time of a frame over that of A-KAZE alone, and the matches beside the truth.
 ``python tools/benchmark.py rates [DATA_FOLDER]`` counts the false alarms of CFAR on noise and in recorded empty water.
 ``python tools/benchmark.py run SEQUENCE [--set SECTION.KEY=VALUE]...`` measures one ``asfm run`` in a child process.
 ``python tools/benchmark.py reach DATA_FOLDER`` measures the public recordings one after the other, in one table.
@@ -16,25 +18,16 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from benchmark_kernels import COMPARISONS, Array, Comparison, choose_comparisons
+from benchmark_frontend import SEQUENCES, list_numbers, tabulate
+from benchmark_kernels import COMPARISONS, Comparison, choose_comparisons, time_in_turns
 from benchmark_rates import list_rates
 from benchmark_runs import RunFailed, describe_run, measure_run, tabulate_reach
 
+from asfm.config import load_config
+from asfm.errors import AsfmError
+
 CLOCKS: dict[str, Callable[[], float]] = {"wall": time.perf_counter, "processor": time.process_time}
 """On a machine shared with others the processor's time is the fairer: what takes long is interrupted more often."""
-
-
-def time_in_turns(
-    contenders: dict[str, Callable[[], Array]], rounds: int, clock: Callable[[], float] = time.perf_counter
-) -> dict[str, float]:
-    """Call all contenders in each round; returns the median time in seconds of each."""
-    spent: dict[str, list[float]] = {name: [] for name in contenders}
-    for _ in range(rounds):
-        for name, run in contenders.items():
-            start = clock()
-            run()
-            spent[name].append(clock() - start)
-    return {name: float(np.median(times)) for name, times in spent.items()}
 
 
 def report(comparison: Comparison, rounds: int, clock: Callable[[], float] = time.perf_counter) -> bool:
@@ -52,7 +45,7 @@ def report(comparison: Comparison, rounds: int, clock: Callable[[], float] = tim
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run what the command line names; returns 1 where results disagree or a run fails."""
+    """Run what the command line names; returns 1 where results disagree, a number is missed or a run fails."""
     options = make_parser().parse_args(arguments)
     if options.what == "run":
         return _report_run(options)
@@ -65,6 +58,8 @@ def main(arguments: list[str] | None = None) -> int:
         print("\n".join(lines))
         return 0 if all_ran else 1
     cv2.setNumThreads(options.threads)
+    if options.what == "frontend":
+        return _report_frontend(options)
     names = choose_comparisons(options.what)
     clock, shape = CLOCKS[options.clock], tuple(options.shape)
     agree = [report(COMPARISONS[name](shape, options.seed), options.rounds, clock) for name in names]
@@ -78,21 +73,41 @@ def make_parser() -> argparse.ArgumentParser:
     for name in (*COMPARISONS, "all"):
         command = commands.add_parser(name, help="every comparison" if name == "all" else f"compare {name}")
         command.add_argument("--shape", type=int, nargs=2, default=(600, 256), metavar=("RANGES", "BEAMS"))
-        command.add_argument("--rounds", type=int, default=9)
         command.add_argument("--seed", type=int, default=0)
-        command.add_argument("--clock", choices=CLOCKS, default="wall")
-        command.add_argument("--threads", type=int, default=1, help="threads of OpenCV; the peers use one")
+        _add_timing(command)
+    frontend = commands.add_parser("frontend", help="what the front-end is asked to reach, in one table")
+    frontend.add_argument("data", type=Path, nargs="?", metavar="DATA_FOLDER")
+    frontend.add_argument("--sequences", nargs="+", default=SEQUENCES, metavar="NAME", help="folders below DATA_FOLDER")
+    _add_timing(frontend)
     run = commands.add_parser("run", help="measure one asfm run")
     run.add_argument("sequence", type=Path)
-    run.add_argument("--set", dest="settings", action="append", default=[], metavar="SECTION.KEY=VALUE")
     rates = commands.add_parser("rates", help="false-alarm rates over the asked ones, on noise and in empty water")
     rates.add_argument("data", type=Path, nargs="?", metavar="DATA_FOLDER")
     rates.add_argument("--images", type=int, default=8, help="512 x 512 images of noise; 8 give 2,000 alarms at 1e-3")
     reach = commands.add_parser("reach", help="measure the public runs, in one table")
     reach.add_argument("data", type=Path, metavar="DATA_FOLDER")
+    for command in (run, frontend):
+        command.add_argument("--set", dest="settings", action="append", default=[], metavar="SECTION.KEY=VALUE")
     for command in (run, reach):
         command.add_argument("--recording", action="store_true", help="with the viewer's recording, which takes longer")
     return parser
+
+
+def _add_timing(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--rounds", type=int, default=9)
+    command.add_argument("--clock", choices=CLOCKS, default="wall")
+    command.add_argument("--threads", type=int, default=1, help="threads of OpenCV; the peers use one")
+
+
+def _report_frontend(options: argparse.Namespace) -> int:
+    try:
+        config = load_config(None, tuple(options.settings))
+        numbers = list(list_numbers(options.data, options.sequences, config, options.rounds, CLOCKS[options.clock]))
+    except AsfmError as error:
+        print(error, file=sys.stderr)
+        return 1
+    print("\n".join(tabulate(numbers)))
+    return 1 if any(number.ok is False for number in numbers) else 0
 
 
 def _report_run(options: argparse.Namespace) -> int:

@@ -1,5 +1,6 @@
 """The front-end's kernels beside independent implementations of the same, for ``benchmark.py``."""
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -23,6 +24,19 @@ class Comparison:
     peers: dict[str, Callable[[], Array]]
     tolerance: float
     """Largest part of the values that may differ: thresholds fall on either side of a rounding error."""
+
+
+def time_in_turns(
+    contenders: dict[str, Callable[[], Array]], rounds: int, clock: Callable[[], float] = time.perf_counter
+) -> dict[str, float]:
+    """Call all contenders in each round; returns the median time in seconds of each."""
+    spent: dict[str, list[float]] = {name: [] for name in contenders}
+    for _ in range(rounds):
+        for name, run in contenders.items():
+            start = clock()
+            run()
+            spent[name].append(clock() - start)
+    return {name: float(np.median(times)) for name, times in spent.items()}
 
 
 def make_speckle(shape: tuple[int, int], seed: int) -> ImageArray:
