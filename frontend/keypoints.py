@@ -23,6 +23,9 @@ PADDING_PX = (0, 16)
 SMALL_PX = 128
 SMALL_PADDING_PX = 32
 """A side below SMALL_PX is padded by this: A-KAZE finds nothing within some 27 pixels of a border."""
+SURROUNDINGS_PX = 64
+"""How much of the picture around the mask a detector sees: A-KAZE takes most of the time, by the pixel, and describes
+features of its first two octaves by what is so near."""
 
 
 def detect_keypoints(frame: Frame, mask: BoolArray, sonar: SonarModel, config: Config) -> Keypoints:
@@ -46,7 +49,7 @@ def detect_keypoints(frame: Frame, mask: BoolArray, sonar: SonarModel, config: C
         return _no_keypoints(settings, config.ssl.radius_px)
     space = _open_space(image, sonar, settings)
     picture = space.draw(even_gain(image, settings))
-    features = _find_padded(picture, space.draw_mask(_keep_off_borders(mask)), settings)
+    features = _find_around(picture, space.draw_mask(_keep_off_borders(mask)), settings)
     row_column = space.to_polar(features.xy_px)
     return Keypoints(
         row_column=row_column,
@@ -92,6 +95,24 @@ def _keep_off_borders(mask: BoolArray) -> BoolArray:
 
 def _as_bytes(picture: ImageArray) -> Picture:
     return (picture * 255).astype(np.uint8)
+
+
+def _find_around(picture: ImageArray, allowed: Picture, settings: KeypointsConfig) -> Features:
+    """Find features of the part of a picture that holds all places allowed, with what surrounds them."""
+    rows, columns = (_reach(np.asarray(allowed.any(axis=axis))) for axis in (1, 0))
+    if rows.start == rows.stop:
+        return no_features(settings)
+    features = _find_padded(picture[rows, columns], allowed[rows, columns], settings)
+    corner = np.array([columns.start, rows.start])
+    return replace(features, xy_px=features.xy_px + corner)
+
+
+def _reach(occupied: BoolArray) -> slice:
+    """Give the stretch of an axis that holds what is occupied, and its surroundings."""
+    places = np.flatnonzero(occupied)
+    if not len(places):
+        return slice(0, 0)
+    return slice(max(int(places[0]) - SURROUNDINGS_PX, 0), int(places[-1]) + 1 + SURROUNDINGS_PX)
 
 
 def _find_padded(picture: ImageArray, allowed: Picture, settings: KeypointsConfig) -> Features:
