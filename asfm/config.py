@@ -133,6 +133,19 @@ class SslConfig(Section):
     max_loss: float = Field(default=0.3, gt=0)
 
 
+class LocalisationConfig(Section):
+    """Where features truly lie, as the squares around them say."""
+
+    radius_px: int = Field(default=10, ge=0)
+    """Half-size of the squares that are aligned; 0 leaves features where the detector put them."""
+    floor_px: float = Field(default=0.7, gt=0)
+    """Standard deviation of the best feature's place, in pixels of the picture that features are found in."""
+    spread_factor: float = Field(default=1.5, gt=0)
+    """What an alignment states as its sigma is times this too small."""
+    max_sigma_px: float = Field(default=8.0, gt=0)
+    """A match less sure than this slides along an edge, or over nothing, and is rejected."""
+
+
 class BackendConfig(Section):
     """Triangulation and optimisation."""
 
@@ -140,7 +153,7 @@ class BackendConfig(Section):
     use_navigation: bool = True
     rounds: int = Field(default=3, ge=1)
     """How often association and optimisation alternate."""
-    track_correlation: float = Field(default=0.3, ge=0, le=1)
+    track_correlation: float = Field(default=0.8, ge=0, le=1)
     """Correlation of the errors of one track's observations: features slide along edges in step."""
     motion_prior_factor: float = Field(default=1.5, gt=0)
     """Without odometry: sigma of a step, over the typical step of the planar motions."""
@@ -160,8 +173,14 @@ class Config(Section):
     matching: MatchingConfig = MatchingConfig()
     ssl: SslConfig = SslConfig()
     tracks: TracksConfig = TracksConfig()
+    localisation: LocalisationConfig = LocalisationConfig()
     noise: NoiseConfig = NoiseConfig()
     backend: BackendConfig = BackendConfig()
+
+    @property
+    def square_radius_px(self) -> int:
+        """Half-size of the squares cut around keypoints: the largest that anyone looks at."""
+        return max(self.ssl.radius_px, self.localisation.radius_px)
 
 
 def load_config(path: Path | None = None, overrides: tuple[str, ...] = ()) -> Config:

@@ -9,6 +9,7 @@ from asfm.backend.solution import Solution, solve_tracks
 from asfm.backend.start import Start, start_from_odometry, start_from_tracks
 from asfm.backend.support import describe_support
 from asfm.config import Config
+from asfm.frontend.alignment import align_matches
 from asfm.frontend.association import associate
 from asfm.frontend.candidates import match_with_previous
 from asfm.frontend.correspondences import Correspondences, judge_correspondences
@@ -80,6 +81,7 @@ def extract(
             else:
                 keypoints.append(cut_squares(frame, given.keypoints[frame.index], sequence.sonar, config))
                 matches = judge_correspondences(given, frame.index, keypoints, config, sequence.sonar, predicted)
+            matches = align_matches(matches, keypoints, sequence.sonar, config)
             candidates += matches
             recorder.record_frame(frame, mask, keypoints[-1])
             if matches:

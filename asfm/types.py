@@ -123,6 +123,10 @@ class Matches:
     """(R,) which of the filters."""
     filters: tuple[str, ...] = ()
     """Names of the filters that have judged, in their order."""
+    aligned: FloatArray | None = None
+    """(M, 2) range_m and bearing_rad at which frame_b shows what surrounds the keypoint of frame_a."""
+    sigma: FloatArray | None = None
+    """(M, 2) standard deviations of the keypoints' places in range_m and bearing_rad, as their surroundings say."""
 
     def __len__(self) -> int:
         return len(self.index)
@@ -135,6 +139,8 @@ class Matches:
             self,
             index=self.index[~which],
             cost=self.cost[~which],
+            aligned=None if self.aligned is None else self.aligned[~which],
+            sigma=None if self.sigma is None else self.sigma[~which],
             rejected=np.concatenate([self.rejected, self.index[which].astype(np.int32)]),
             rejected_by=np.concatenate([self.rejected_by, number]),
             filters=filters,
@@ -158,6 +164,8 @@ class Tracks:
     """(O,)"""
     bearing_rad: FloatArray
     """(O,)"""
+    sigma: FloatArray | None = None
+    """(O, 2) standard deviations of range_m and bearing_rad; None where only the sonar's typical ones are known."""
 
     def __len__(self) -> int:
         return len(self.track)

@@ -41,14 +41,19 @@ def solve_tracks(
         world_from_vehicle: (N, 4, 4) poses to start from.
         sensors: what else is known of the poses.
     """
-    sigma = np.tile(feature_sigma(sequence.sonar, config.noise), (len(tracks), 1))
+    typical = np.tile(feature_sigma(sequence.sonar, config.noise), (len(tracks), 1))
+    sigma = typical if tracks.sigma is None else tracks.sigma
     gate = Gate(
         half_aperture_rad=sequence.sonar.elevation_aperture_rad / 2,
         edge_rad=float(np.hypot(APERTURE_EDGE_RAD, sensors.typical_rotation_rad)),
     )
     slack = MEASURED_SLACK if sensors.measured else GUESSED_SLACK
     found = triangulate_tracks(
-        tracks, world_from_vehicle @ sequence.vehicle_from_sonar, sequence.sonar, sigma * slack, gate
+        tracks,
+        world_from_vehicle @ sequence.vehicle_from_sonar,
+        sequence.sonar,
+        np.maximum(sigma, typical) * slack,
+        gate,
     )
     views = np.bincount(tracks.track, found.agrees, minlength=tracks.count)
     observed = found.agrees & (views >= config.tracks.min_views)[tracks.track]

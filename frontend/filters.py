@@ -12,6 +12,7 @@ from asfm.errors import AsfmError
 from asfm.frontend.consistency import find_length_outliers
 from asfm.frontend.gating import distance_from_arcs
 from asfm.frontend.matching import Nearest
+from asfm.frontend.patches import crop_patches
 from asfm.frontend.planar import find_planar_outliers, place_in_plane
 from asfm.frontend.ssl import structural_spatial_loss
 from asfm.sonar import SonarModel, feature_sigma
@@ -91,8 +92,9 @@ def _judge(name: str, pairs: Sequence[Pair], config: Config) -> list[Verdict]:
     """Ask one filter about every pair; the structural-and-spatial loss looks at all squares at once."""
     if name != "ssl":
         return [FILTERS[name](pair, config) for pair in pairs]
-    squares_a = np.concatenate([pair.keypoints_a.patches[pair.index[:, 0]] for pair in pairs])
-    squares_b = np.concatenate([pair.keypoints_b.patches[pair.index[:, 1]] for pair in pairs])
+    radius_px = config.ssl.radius_px
+    squares_a = np.concatenate([crop_patches(pair.keypoints_a.patches, radius_px)[pair.index[:, 0]] for pair in pairs])
+    squares_b = np.concatenate([crop_patches(pair.keypoints_b.patches, radius_px)[pair.index[:, 1]] for pair in pairs])
     loss = structural_spatial_loss(squares_a, squares_b, config.ssl)
     ends = np.cumsum([len(pair) for pair in pairs])
     return [(part <= config.ssl.max_loss, part) for part in np.split(loss, ends[:-1])]

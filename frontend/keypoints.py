@@ -38,7 +38,7 @@ def detect_keypoints(frame: Frame, mask: BoolArray, sonar: SonarModel, config: C
         frame: image of shape (ranges, beams), of any gain; integers are taken for what they are.
         mask: (ranges, beams) where features may lie.
         sonar: the pixel grid.
-        config: sections ``keypoints`` and ``ssl`` (radius of the squares) are read.
+        config: section ``keypoints`` and the radius of the squares are read.
 
     Raises:
         AsfmError: image, mask and sonar differ in shape, or the image holds a value that is not finite.
@@ -46,7 +46,7 @@ def detect_keypoints(frame: Frame, mask: BoolArray, sonar: SonarModel, config: C
     settings = config.keypoints
     image = _check(frame.image, mask)
     if min(image.shape) < SMALLEST_PX:
-        return _no_keypoints(settings, config.ssl.radius_px)
+        return _no_keypoints(settings, config.square_radius_px)
     space = _open_space(image, sonar, settings)
     picture = space.draw(even_gain(image, settings))
     features = _find_around(picture, space.draw_mask(_keep_off_borders(mask)), settings)
@@ -57,7 +57,7 @@ def detect_keypoints(frame: Frame, mask: BoolArray, sonar: SonarModel, config: C
         bearing_rad=sonar.bearing_at_column(row_column[:, 1]),
         response=features.response,
         descriptors=features.descriptors,
-        patches=cut_patches(picture, features.xy_px[:, ::-1], config.ssl.radius_px),
+        patches=cut_patches(picture, space.from_polar(row_column)[:, ::-1], config.square_radius_px),
     )
 
 
@@ -81,7 +81,7 @@ def cut_squares(frame: Frame, keypoints: Keypoints, sonar: SonarModel, config: C
     space = _open_space(image, sonar, config.keypoints)
     picture = space.draw(even_gain(image, config.keypoints))
     xy_px = space.from_polar(keypoints.row_column)
-    return replace(keypoints, patches=cut_patches(picture, xy_px[:, ::-1], config.ssl.radius_px))
+    return replace(keypoints, patches=cut_patches(picture, xy_px[:, ::-1], config.square_radius_px))
 
 
 def _keep_off_borders(mask: BoolArray) -> BoolArray:

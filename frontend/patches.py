@@ -35,6 +35,12 @@ def cut_patches(image: ImageArray, row_column: FloatArray, radius_px: int) -> Im
     return np.asarray(patches, dtype=np.float32)
 
 
+def crop_patches(patches: ImageArray, radius_px: int) -> ImageArray:
+    """Give the middle of (K, N, N) squares: (K, 2r+1, 2r+1); all of it where the squares are smaller."""
+    margin = max((patches.shape[1] - 1) // 2 - radius_px, 0)
+    return patches[:, margin : patches.shape[1] - margin, margin : patches.shape[2] - margin]
+
+
 def _mirrored_range(coordinate: FloatArray, radius_px: int, length: int) -> IntArray:
     """(K, 2r+1) indices around each coordinate's pixel along one axis, folded back into 0..length-1."""
     centre = np.floor(np.clip(coordinate, 0, length - 0.5)).astype(np.int64)

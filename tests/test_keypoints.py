@@ -73,7 +73,7 @@ def draw_debris(seed: int = 0, shape: tuple[int, int] = SHAPE) -> ImageArray:
 
 def check_shapes(found: Keypoints, config: Config | None = None) -> None:
     """What the type promises, and what matching and the loss rely on."""
-    count, width = len(found), 2 * (config or Config()).ssl.radius_px + 1
+    count, width = len(found), 2 * (config or Config()).square_radius_px + 1
     assert found.row_column.shape == (count, 2)
     assert found.range_m.shape == found.bearing_rad.shape == found.response.shape == (count,)
     assert found.descriptors.shape == (count, 61) and found.descriptors.dtype == np.uint8
@@ -218,7 +218,7 @@ for shape in [(rows, columns) for rows in lengths for columns in lengths] + [(1,
         for config in configs:
             found = detect_keypoints(frame, np.ones(shape, bool), sonar, config)
             assert len(found) == 0 or min(shape) >= 16, shape
-            assert found.patches.shape == (len(found), 15, 15), shape
+            assert found.patches.shape == (len(found), 21, 21), shape
             assert np.isfinite(found.row_column).all() and (found.row_column <= shape).all(), shape
 """
 

@@ -48,7 +48,7 @@ def test_lenses_and_arrays_space_their_beams_unevenly() -> None:
     assert np.diff(oculus) == pytest.approx(np.diff(oculus).mean(), rel=0.01)
     didson = np.diff(np.array(PRESETS["didson"].bearings_deg))
     assert 0.20 < didson.min() < 0.24 and 0.35 < didson[44:52].mean() < 0.38  # widest in the middle
-    assert np.ptp(PRESETS["didson"].bearings_deg) == pytest.approx(28.5, abs=0.2)
+    assert np.ptp(np.array(PRESETS["didson"].bearings_deg)) == pytest.approx(28.5, abs=0.2)
 
 
 def _draw(name: str, level: float, **changes: float) -> ImageArray:
