@@ -27,33 +27,29 @@ def build_tracks(keypoints: Sequence[Keypoints], matches: Sequence[Matches], min
     order = np.lexsort((frame_of[node], group[node]))
     node = node[order]
     _, track = np.unique(group[node], return_inverse=True)
+    sigma = _gather_sigma(matches, len(frame_of), offset)
     return Tracks(
         track=track.astype(np.int64),
         frame=frame_of[node].astype(np.int64),
         range_m=_gather([frame.range_m for frame in keypoints])[node],
         bearing_rad=_gather([frame.bearing_rad for frame in keypoints])[node],
-        sigma=_typical_sigma(matches, offset)[node] if _all_aligned(matches) else None,
+        sigma=None if sigma is None else sigma[node],
     )
 
 
-def _all_aligned(matches: Sequence[Matches]) -> bool:
-    return bool(matches) and all(match.sigma is not None for match in matches if len(match))
-
-
-def _typical_sigma(matches: Sequence[Matches], offset: IntArray) -> FloatArray:
-    """Give every keypoint's (2,) sigma, the median over its matches; infinite where it has none."""
-    sigma = np.full((int(offset[-1]), 2), np.inf)
-    filled = [match for match in matches if match.sigma is not None and len(match)]
-    if not filled:
-        return sigma
-    node = np.concatenate(
-        [side for match in filled for side in (match.index + offset[[match.frame_a, match.frame_b]]).T]
-    )
-    stated = np.concatenate([match.sigma for match in filled for _ in range(2) if match.sigma is not None])
+def _gather_sigma(matches: Sequence[Matches], count: int, offset: IntArray) -> FloatArray | None:
+    """Give each of the keypoints its (2,) sigma, the median over its matches; None where matches state none."""
+    filled = [match for match in matches if len(match)]
+    stated = [match.sigma for match in filled if match.sigma is not None]
+    if not filled or len(stated) < len(filled):
+        return None
+    node = np.concatenate([match.index + offset[[match.frame_a, match.frame_b]] for match in filled]).T.ravel()
+    both = np.tile(np.concatenate(stated), (2, 1))
+    sigma = np.full((count, 2), np.inf)
     for axis in range(2):
-        order = np.lexsort((stated[:, axis], node))
-        found, first, count = np.unique(node[order], return_index=True, return_counts=True)
-        sigma[found, axis] = stated[order[first + count // 2], axis]
+        order = np.lexsort((both[:, axis], node))
+        found, first, matched = np.unique(node[order], return_index=True, return_counts=True)
+        sigma[found, axis] = both[order[first + matched // 2], axis]
     return sigma
 
 

@@ -1,6 +1,6 @@
 """Tracks: the promises of their type, and a slow union-find with sets that must find the same."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -146,3 +146,29 @@ def test_nothing_matched_is_no_track(counts: list[int]) -> None:
         tracks = build_tracks(make_keypoints(counts), matches)
         assert (len(tracks), tracks.count) == (0, 0)
         assert [array.shape for array in (tracks.track, tracks.frame, tracks.range_m, tracks.bearing_rad)] == [(0,)] * 4
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_sigma_is_the_median_over_the_matches_of_a_keypoint(seed: int) -> None:
+    case = make_case(seed, 6, 6, 0.3)
+    rng = np.random.default_rng(seed)
+    matches = [replace(match, sigma=rng.random((len(match), 2))) for match in case.matches]
+    tracks = build_tracks(case.keypoints, matches)
+    assert tracks.sigma is not None and len(tracks.sigma) == len(tracks) > 0
+    for frame, range_m, sigma in zip(tracks.frame, tracks.range_m, tracks.sigma, strict=True):
+        name = round((range_m - frame) * 1000)
+        own = [
+            match.sigma[match.index[:, side] == name]
+            for match in matches
+            for side, at in enumerate((match.frame_a, match.frame_b))
+            if at == frame and match.sigma is not None
+        ]
+        stated = np.sort(np.concatenate(own), axis=0)
+        assert sigma.tolist() == stated[len(stated) // 2].tolist()
+
+
+def test_sigma_is_not_known_where_a_match_states_none() -> None:
+    case = make_case(0, 5, 5, 0.4)
+    assert build_tracks(case.keypoints, case.matches).sigma is None
+    some = [replace(case.matches[0], sigma=np.ones((len(case.matches[0]), 2))), *case.matches[1:]]
+    assert build_tracks(case.keypoints, some).sigma is None
