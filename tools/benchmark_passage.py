@@ -133,9 +133,8 @@ def judge_by_arcs(passage: Passage, sequence: Sequence, gap: int, config: Config
 
 def seen_places(keypoints_b: Keypoints, matches: Matches) -> FloatArray:
     """Give the (M, 2) range_m and bearing_rad at which frame b shows the keypoints of frame a."""
-    aligned: FloatArray | None = getattr(matches, "aligned", None)
-    if aligned is not None:
-        return aligned
+    if matches.aligned is not None:
+        return matches.aligned
     of_b = matches.index[:, 1]
     return np.stack([keypoints_b.range_m[of_b], keypoints_b.bearing_rad[of_b]], axis=1)
 
