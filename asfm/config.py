@@ -34,7 +34,7 @@ class CfarConfig(Section):
     method: Literal["ca", "goca", "soca", "os"] = "ca"
     """Statistic of the reference cells: their mean, the greater or the smaller mean of the nearer and the farther ones,
     or the cell of a certain rank."""
-    noise: Literal["rayleigh", "exponential", "weibull"] = "rayleigh"
+    noise: Literal["rayleigh", "exponential", "weibull"] = "weibull"
     """What empty water looks like in the image: amplitude, power, or a power of them that each image tells of itself,
     for recordings that were compressed nobody knows how."""
     order_fraction: float = Field(default=0.75, gt=0, le=1)
@@ -69,9 +69,11 @@ class KeypointsConfig(Section):
     """Describe features without their direction: a sonar image shifts along the bearing when the vehicle turns.
     BRISK cannot."""
     threshold: float | None = Field(default=None, gt=0)
-    """In the detector's own unit; without one akaze takes 1e-4, sift 0.02, orb 5 and brisk 5."""
+    """In the detector's own unit; without one akaze takes 5e-4, sift 0.02, orb 5 and brisk 5."""
     smoothing_px: float = Field(default=2.0, ge=0)
     """Sigma of the Gaussian that calms the speckle before detection."""
+    min_count: int = Field(default=50, ge=0)
+    """Where fewer pass the threshold of akaze, the strongest down to a fifth of it fill up."""
     max_count: int = Field(default=500, ge=1)
     """The strongest are kept."""
     margin_px: int = Field(default=4, ge=0)
@@ -142,7 +144,7 @@ class LocalisationConfig(Section):
     """Standard deviation of the best feature's place, in pixels of the picture that features are found in."""
     spread_factor: float = Field(default=1.5, gt=0)
     """What an alignment states as its sigma is times this too small."""
-    max_sigma_px: float = Field(default=8.0, gt=0)
+    max_sigma_px: float = Field(default=2.5, gt=0)
     """A match less sure than this slides along an edge, or over nothing, and is rejected."""
 
 

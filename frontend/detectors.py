@@ -38,6 +38,8 @@ class Detector:
     """Makes it of a threshold and the settings."""
     threshold: float
     """That of the detector unless the settings say otherwise, in its own unit."""
+    weak_share: float
+    """Features down to this share of the threshold fill up a picture with few; 1 where responses have another unit."""
     descriptor: tuple[int, type[np.uint8] | type[np.float32]]
     """Length and type of its descriptors: bytes hold bits, compared by Hamming distance; floats, by Euclid's."""
 
@@ -60,27 +62,27 @@ def _make_brisk(threshold: float, settings: KeypointsConfig) -> Any:
 
 
 DETECTORS = {
-    "akaze": Detector(_make_akaze, 1e-4, (61, np.uint8)),
-    "orb": Detector(_make_orb, 5.0, (32, np.uint8)),
-    "sift": Detector(_make_sift, 0.02, (128, np.float32)),
-    "brisk": Detector(_make_brisk, 5.0, (64, np.uint8)),
+    "akaze": Detector(_make_akaze, 5e-4, 0.2, (61, np.uint8)),
+    "orb": Detector(_make_orb, 5.0, 1.0, (32, np.uint8)),
+    "sift": Detector(_make_sift, 0.02, 1.0, (128, np.float32)),
+    "brisk": Detector(_make_brisk, 5.0, 1.0, (64, np.uint8)),
 }
 """Thresholds: A-KAZE's of the Hessian's determinant, SIFT's of the contrast, ORB's and BRISK's in steps of grey."""
 
 
 def find_features(picture: Picture, allowed: Picture, settings: KeypointsConfig) -> Features:
-    """Find the strongest features of a picture.
+    """Find the features of a picture that are strong enough, or the strongest where few are.
 
     Args:
         picture: (height, width).
         allowed: (height, width), non-zero where features may lie.
-        settings: detector, threshold, upright and max_count are read.
+        settings: detector, threshold, upright, min_count and max_count are read.
     """
     found, descriptors = _detect_and_describe(picture, allowed, settings)
     if not found:
         return no_features(settings)
     response = np.array([keypoint.response for keypoint in found])
-    order = np.argsort(-response, kind="stable")[: settings.max_count]
+    order = np.argsort(-response, kind="stable")[: _count_kept(response, settings)]
     xy_px = np.array([keypoint.pt for keypoint in found])[order] + 0.5
     if settings.detector == "orb":
         octave = np.array([keypoint.octave for keypoint in found])[order]
@@ -96,13 +98,22 @@ def no_features(settings: KeypointsConfig) -> Features:
     return Features(np.zeros((0, 2)), np.zeros(0), descriptors)
 
 
+def _count_kept(response: FloatArray, settings: KeypointsConfig) -> int:
+    """Count the features that are strong enough, or as many as a picture shall have at least."""
+    detector = DETECTORS[settings.detector]
+    if detector.weak_share == 1:
+        return settings.max_count
+    strong = int(np.count_nonzero(response >= (settings.threshold or detector.threshold)))
+    return min(max(strong, settings.min_count), settings.max_count)
+
+
 def _detect_and_describe(picture: Picture, allowed: Picture, settings: KeypointsConfig) -> Any:
     """Give OpenCV's keypoints and their descriptors; upright ones are described as if none was turned.
 
     BRISK finds the directions anew whatever it is told.
     """
     detector = DETECTORS[settings.detector]
-    finder = detector.make(settings.threshold or detector.threshold, settings)
+    finder = detector.make(detector.weak_share * (settings.threshold or detector.threshold), settings)
     if settings.detector in ("akaze", "brisk") or not settings.upright:
         return finder.detectAndCompute(picture, allowed)
     places: dict[tuple[float, ...], Any] = {}

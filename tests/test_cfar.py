@@ -119,11 +119,12 @@ def test_detections_are_those_of_a_plain_loop(
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("probability", [1e-1, 1e-2, 1e-3])
 @pytest.mark.parametrize(("guard_px", "reference_px"), [((4, 4), (16, 12)), ((2, 0), (14, 0))])
+@pytest.mark.parametrize("noise", NOISES)
 def test_false_alarm_rate_on_noise_is_the_asked_one(
-    method: Method, probability: float, guard_px: tuple[int, int], reference_px: tuple[int, int]
+    method: Method, probability: float, guard_px: tuple[int, int], reference_px: tuple[int, int], noise: Noise
 ) -> None:
     rng = np.random.default_rng(1)
-    config = CfarConfig(false_alarm_probability=probability, guard_px=guard_px, reference_px=reference_px)
+    config = CfarConfig(false_alarm_probability=probability, guard_px=guard_px, reference_px=reference_px, noise=noise)
     valid = np.ones((800, 600), dtype=bool)
     valid[:, 400:410] = False
     power = rng.exponential(size=valid.shape).astype(np.float32)
@@ -135,8 +136,9 @@ def test_false_alarm_rate_on_noise_is_the_asked_one(
     border[10:-10, 10:-10] = False
     assert detected[border].mean() == pytest.approx(probability, rel=4 / np.sqrt(probability * border.sum()))
     assert not detected[~valid].any()
-    same = detect_cfar(power, valid, change(config, method=method, noise="exponential"))
-    assert (same != detected).mean() < 1e-5
+    if noise == "rayleigh":
+        same = detect_cfar(power, valid, change(config, method=method, noise="exponential"))
+        assert (same != detected).mean() < 1e-5
 
 
 def test_detections_do_not_depend_on_the_unit() -> None:

@@ -187,3 +187,13 @@ def test_a_corner_is_refined_to_a_fraction_of_a_pixel(scale: float) -> None:
         )
     assert np.abs(np.mean(error, axis=0)) == pytest.approx(0, abs=0.15)
     assert np.std(error, axis=0).max() < 0.25 * scale
+
+
+def test_where_few_features_are_strong_the_strongest_weak_ones_fill_up() -> None:
+    image = draw_debris()
+    strong = detect(image, make_config("akaze", "polar", threshold=4e-3, min_count=0))
+    filled = detect(image, make_config("akaze", "polar", threshold=4e-3, min_count=20))
+    assert 0 < len(strong) < len(filled) == 20
+    np.testing.assert_array_equal(filled.row_column[: len(strong)], strong.row_column)
+    assert (strong.response >= 4e-3).all() and (filled.response[len(strong) :] < 4e-3).all()
+    assert (filled.response >= 4e-3 / 5).all()
