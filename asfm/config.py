@@ -72,7 +72,7 @@ class KeypointsConfig(Section):
     """In the detector's own unit; without one akaze takes 5e-4, sift 0.02, orb 5 and brisk 5."""
     smoothing_px: float = Field(default=2.0, ge=0)
     """Sigma of the Gaussian that calms the speckle before detection."""
-    min_count: int = Field(default=50, ge=0)
+    min_count: int = Field(default=30, ge=0)
     """Where fewer pass the threshold of akaze, the strongest down to a fifth of it fill up."""
     max_count: int = Field(default=500, ge=1)
     """The strongest are kept."""
@@ -138,13 +138,13 @@ class SslConfig(Section):
 class LocalisationConfig(Section):
     """Where features truly lie, as the squares around them say."""
 
-    radius_px: int = Field(default=10, ge=0)
+    radius_px: int = Field(default=14, ge=0)
     """Half-size of the squares that are aligned; 0 leaves features where the detector put them."""
     floor_px: float = Field(default=0.7, gt=0)
     """Standard deviation of the best feature's place, in pixels of the picture that features are found in."""
     spread_factor: float = Field(default=1.5, gt=0)
     """What an alignment states as its sigma is times this too small."""
-    max_sigma_px: float = Field(default=2.5, gt=0)
+    max_sigma_px: float = Field(default=1.9, gt=0)
     """A match less sure than this slides along an edge, or over nothing, and is rejected."""
 
 

@@ -33,7 +33,8 @@ def check(found: Keypoints, config: Config) -> None:
     """What the type promises, whatever is in the image."""
     length, kind = DETECTORS[config.keypoints.detector].descriptor
     assert found.descriptors.shape == (len(found), length) and found.descriptors.dtype == kind
-    assert found.patches.shape == (len(found), 21, 21) and found.patches.dtype == np.float32
+    side = 2 * config.square_radius_px + 1
+    assert found.patches.shape == (len(found), side, side) and found.patches.dtype == np.float32
     assert len(found) <= config.keypoints.max_count and (np.diff(found.response) <= 0).all()
     for values in (found.row_column, found.range_m, found.bearing_rad, found.response, found.patches):
         assert np.isfinite(values).all()

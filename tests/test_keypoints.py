@@ -218,7 +218,8 @@ for shape in [(rows, columns) for rows in lengths for columns in lengths] + [(1,
         for config in configs:
             found = detect_keypoints(frame, np.ones(shape, bool), sonar, config)
             assert len(found) == 0 or min(shape) >= 16, shape
-            assert found.patches.shape == (len(found), 21, 21), shape
+            side = 2 * config.square_radius_px + 1
+            assert found.patches.shape == (len(found), side, side), shape
             assert np.isfinite(found.row_column).all() and (found.row_column <= shape).all(), shape
 """
 

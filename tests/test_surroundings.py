@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from asfm.config import Config
+from asfm.config import Config, KeypointsConfig
 from asfm.frontend.keypoints import detect_keypoints
 from asfm.sonar import SonarModel
 from asfm.types import BoolArray, FloatArray, Frame
@@ -16,7 +16,7 @@ def find_places(mask: BoolArray) -> FloatArray:
     image = cv2.GaussianBlur(np.random.default_rng(1).random(SHAPE, np.float32), (0, 0), 2.0)
     sonar = SonarModel.evenly_spaced("test", (1.0, 6.0), (-0.5, 0.5), SHAPE, 0.3)
     frame = Frame(0, 0.0, (image - image.min()) / (image.max() - image.min()), np.zeros(SHAPE, dtype=bool))
-    return detect_keypoints(frame, mask, sonar, Config()).row_column
+    return detect_keypoints(frame, mask, sonar, Config(keypoints=KeypointsConfig(threshold=1e-4))).row_column
 
 
 def test_features_of_a_small_mask_are_those_of_the_whole_image() -> None:
