@@ -140,8 +140,9 @@ class LocalisationConfig(Section):
 
     radius_px: int = Field(default=14, ge=0)
     """Half-size of the squares that are aligned; 0 leaves features where the detector put them."""
-    floor_px: float = Field(default=0.7, gt=0)
-    """Standard deviation of the best feature's place, in pixels of the picture that features are found in."""
+    floor_px: float | None = Field(default=None, gt=0)
+    """Standard deviation of the best feature's place, in pixels of the picture that features are found in; without one
+    what was measured of the detector: akaze and sift 0.7, orb 0.8, brisk 0.9."""
     spread_factor: float = Field(default=1.5, gt=0)
     """What an alignment states as its sigma is times this too small."""
     max_sigma_px: float = Field(default=1.9, gt=0)

@@ -160,6 +160,7 @@ def conclude(sequence: Sequence, solution: Solution, config: Config, clock: Stag
     return Reconstruction(
         trajectory=Trajectory(sequence.timestamps_s, solution.bundle.world_from_vehicle),
         tracks=solution.tracks,
+        observed=solution.observed,
         landmarks=landmarks,
         warnings=describe_support(sequence, solution, config),
     )

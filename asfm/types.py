@@ -206,6 +206,8 @@ class Reconstruction:
     trajectory: Trajectory
     """One pose a frame of the sequence."""
     tracks: Tracks
+    observed: BoolArray
+    """(O,) the observations of the tracks that entered the final graph; the others contradicted their track's point."""
     landmarks: Landmarks
     warnings: tuple[str, ...]
     """One clear sentence each; empty when all went well."""

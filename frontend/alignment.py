@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from asfm.config import Config
+from asfm.frontend.detectors import DETECTORS
 from asfm.frontend.image_space import ImageSpace, make_space
 from asfm.frontend.patches import crop_patches
 from asfm.sonar import SonarModel
@@ -79,7 +80,8 @@ def align_matches(
     moved = shift[:, ::-1] + (xy_a_px - np.floor(xy_a_px)) - (xy_b_px - np.floor(xy_b_px))
     near = np.hypot(*moved.T) <= FAR_PX
     moved = np.where(near[:, None], moved, 0.0)
-    covariance = settings.spread_factor**2 * covariance[:, ::-1, ::-1] + settings.floor_px**2 * np.eye(2)
+    floor_px = settings.floor_px or DETECTORS[config.keypoints.detector].floor_px
+    covariance = settings.spread_factor**2 * covariance[:, ::-1, ::-1] + floor_px**2 * np.eye(2)
     place, sigma = _measure_in_polar(xy_b_px, moved, covariance, space, sonar)
     slides = ~near | (np.sqrt(np.linalg.eigvalsh(covariance)[:, -1]) > settings.max_sigma_px)
     ends = np.cumsum([len(matches[number]) for number in filled])[:-1]

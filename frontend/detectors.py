@@ -40,6 +40,8 @@ class Detector:
     """That of the detector unless the settings say otherwise, in its own unit."""
     weak_share: float
     """Features down to this share of the threshold fill up a picture with few; 1 where responses have another unit."""
+    floor_px: float
+    """Standard deviation of its best features' places, measured against the truth of simulated scenes."""
     descriptor: tuple[int, type[np.uint8] | type[np.float32]]
     """Length and type of its descriptors: bytes hold bits, compared by Hamming distance; floats, by Euclid's."""
 
@@ -62,10 +64,10 @@ def _make_brisk(threshold: float, settings: KeypointsConfig) -> Any:
 
 
 DETECTORS = {
-    "akaze": Detector(_make_akaze, 5e-4, 0.2, (61, np.uint8)),
-    "orb": Detector(_make_orb, 5.0, 1.0, (32, np.uint8)),
-    "sift": Detector(_make_sift, 0.02, 1.0, (128, np.float32)),
-    "brisk": Detector(_make_brisk, 5.0, 1.0, (64, np.uint8)),
+    "akaze": Detector(_make_akaze, 5e-4, 0.2, 0.7, (61, np.uint8)),
+    "orb": Detector(_make_orb, 5.0, 1.0, 0.8, (32, np.uint8)),
+    "sift": Detector(_make_sift, 0.02, 1.0, 0.7, (128, np.float32)),
+    "brisk": Detector(_make_brisk, 5.0, 1.0, 0.9, (64, np.uint8)),
 }
 """Thresholds: A-KAZE's of the Hessian's determinant, SIFT's of the contrast, ORB's and BRISK's in steps of grey."""
 

@@ -263,7 +263,8 @@ def _run(count: int, good: int) -> tuple[Sequence, Reconstruction]:
     def unread(index: int) -> Frame:
         raise AssertionError("the summary reads no frame")
 
-    return Sequence("toy", SONAR, np.arange(3.0), unread), Reconstruction(trajectory, tracks, landmarks, ())
+    reconstruction = Reconstruction(trajectory, tracks, np.ones(count, bool), landmarks, ())
+    return Sequence("toy", SONAR, np.arange(3.0), unread), reconstruction
 
 
 @pytest.mark.parametrize(("count", "good"), [(7, 4), (5, 0), (0, 0)])

@@ -97,7 +97,8 @@ def _reconstruction(sequence: Sequence) -> Reconstruction:
         np.array([True, False]),
         np.arange(2 * 5 * 3, dtype=float).reshape(2, 5, 3),
     )
-    return Reconstruction(Trajectory(sequence.timestamps_s, _poses(count)), tracks, landmarks, ("a made-up warning.",))
+    trajectory, observed = Trajectory(sequence.timestamps_s, _poses(count)), np.ones(len(tracks), bool)
+    return Reconstruction(trajectory, tracks, observed, landmarks, ("a made-up warning.",))
 
 
 def _record(path: Path, sequence: Sequence, reconstruction: Reconstruction | None = None) -> None:
@@ -346,9 +347,8 @@ def test_stamps_since_1970_become_dates(tmp_path: Path) -> None:
 def _nothing(sequence: Sequence) -> Reconstruction:
     none, few = np.zeros(0, int), np.zeros(0)
     landmarks = Landmarks(none, np.zeros((0, 3)), np.zeros((0, 3, 3)), few, none, none > 0, np.zeros((0, 15, 3)))
-    return Reconstruction(
-        Trajectory(sequence.timestamps_s, _poses(len(sequence))), Tracks(none, none, few, few), landmarks, ()
-    )
+    trajectory = Trajectory(sequence.timestamps_s, _poses(len(sequence)))
+    return Reconstruction(trajectory, Tracks(none, none, few, few), none > 0, landmarks, ())
 
 
 @pytest.mark.parametrize("count", [1, 3])
