@@ -1,4 +1,4 @@
-"""Writing results: trajectory (TUM), points (PLY), report (JSON), and what a folder of results looks like."""
+"""Writing results: trajectory (TUM), points (PLY), tracks (CSV), report (JSON), and what their folder looks like."""
 
 import json
 from pathlib import Path
@@ -9,13 +9,14 @@ import numpy as np
 from asfm.errors import AsfmError
 from asfm.folders import FolderKind
 from asfm.poses import tum_from_pose
-from asfm.types import Landmarks, Trajectory
+from asfm.types import BoolArray, Landmarks, Tracks, Trajectory
 
 RESULTS = FolderKind(
     name="results",
     marks=("report.json", "config.yaml"),
     patterns=(
-        *("trajectory.tum", "points.ply", "reconstruction.rrd", "report.json", "config.yaml", "evaluation.json"),
+        *("trajectory.tum", "points.ply", "tracks.csv", "reconstruction.rrd"),
+        *("report.json", "config.yaml", "evaluation.json"),
         ".evaluation.json.partial",  # asfm evaluate, stopped at the wrong moment
     ),
 )
@@ -68,6 +69,31 @@ def write_points(path: Path, landmarks: Landmarks) -> None:
         "",
     ]
     _write(path, "\n".join(header).encode() + vertices.tobytes())
+
+
+def write_tracks(path: Path, tracks: Tracks, observed: BoolArray) -> None:
+    """Write every observation as a CSV row, numbers as exactly as they are held, and whether the run used it: 1 or 0.
+
+    Cells of sigma stay empty where the tracks state none.
+
+    Args:
+        path: of the table.
+        tracks: (O,) observations.
+        observed: (O,) which of them entered the final graph.
+
+    Raises:
+        AsfmError: the file cannot be written.
+        ValueError: a number is not finite: a defect of the caller.
+    """
+    numbers = [tracks.range_m, tracks.bearing_rad]
+    numbers += [] if tracks.sigma is None else [tracks.sigma[:, 0], tracks.sigma[:, 1]]
+    _require_finite("tracks", *numbers)
+    texts = [[repr(value) for value in column.tolist()] for column in numbers]
+    texts += [] if tracks.sigma is not None else [[""] * len(tracks)] * 2
+    whole = [[str(value) for value in column.tolist()] for column in (tracks.track, tracks.frame, observed.astype(int))]
+    rows = zip(*whole[:2], *texts, whole[2], strict=True)
+    header = "track,frame,range_m,bearing_rad,sigma_range_m,sigma_bearing_rad,used"
+    _write(path, "\n".join([header, *map(",".join, rows), ""]).encode())
 
 
 def write_report(path: Path, report: dict[str, Any]) -> None:

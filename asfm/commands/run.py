@@ -12,7 +12,7 @@ from asfm.datasets.image_names import name_images
 from asfm.datasets.tables import read_tum
 from asfm.errors import AsfmError
 from asfm.evaluation.summary import EvaluationTable, evaluate_sequence
-from asfm.export import RESULTS, write_points, write_report, write_trajectory
+from asfm.export import RESULTS, write_points, write_report, write_tracks, write_trajectory
 from asfm.folders import atomic_folder
 from asfm.recorder import NullRecorder, Recorder
 from asfm.sequence import Sequence
@@ -33,8 +33,8 @@ def run_sequence(
 
     Args:
         path: folder or file of any format that is read.
-        output: gets trajectory.tum, points.ply, report.json, config.yaml, reconstruction.rrd if it is to be recorded,
-            and evaluation.json if the sequence knows its true poses or hand-tracked points.
+        output: gets trajectory.tum, points.ply, tracks.csv, report.json, config.yaml, reconstruction.rrd if it is to be
+            recorded, and evaluation.json if the sequence knows its true poses or hand-tracked points.
         config: every setting; the defaults without one.
         recording: make reconstruction.rrd for the viewer.
         overwrite: replace results that are there.
@@ -57,6 +57,7 @@ def run_sequence(
         write_trajectory(folder / "trajectory.tum", result.trajectory)
         evaluation, remarks = _evaluate(sequence, read_tum(folder / "trajectory.tum"))  # as asfm evaluate will read it
         write_points(folder / "points.ply", result.landmarks)
+        write_tracks(folder / "tracks.csv", result.tracks, result.observed)
         (folder / "config.yaml").write_text(dump_config(config), encoding="utf-8")
         if evaluation is not None:
             write_report(folder / "evaluation.json", evaluation.as_dict())

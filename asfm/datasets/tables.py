@@ -18,11 +18,13 @@ QUATERNION_NORM_TOLERANCE = 0.1
 """Rounded text is off by far less; more than this means that the columns are not what they should be."""
 
 
-def read_csv(path: Path, required: tuple[str, ...], optional: tuple[str, ...] = ()) -> tuple[dict[str, int], list[Row]]:
+def read_csv(
+    path: Path, required: tuple[str, ...], optional: tuple[str, ...] = (), may_be_empty: bool = False
+) -> tuple[dict[str, int], list[Row]]:
     """Read a CSV file whose header names its columns, in any order.
 
     Returns:
-        The position of each column by name, and the rows that are not blank, at least one.
+        The position of each column by name, and the rows that are not blank, at least one unless it may be empty.
 
     Raises:
         AsfmError: the file cannot be read, a column is missing or unknown, a row is short or long, there is no row.
@@ -36,7 +38,7 @@ def read_csv(path: Path, required: tuple[str, ...], optional: tuple[str, ...] = 
     missing = [name for name in required if name not in header]
     if unknown or missing or len(set(header)) < len(header):
         raise AsfmError(f"{path}, line {rows[0][0]}: expected the header {expected}, found {','.join(header)}")
-    if len(rows) == 1:
+    if len(rows) == 1 and not may_be_empty:
         raise AsfmError(f"{path}: expected at least one row below the header, found none")
     for line, cells in rows[1:]:
         if len(cells) != len(header):
@@ -79,7 +81,7 @@ def parse_numbers(path: Path, rows: list[Row], column: int, name: str) -> FloatA
 
 def parse_integers(path: Path, rows: list[Row], column: int, name: str) -> "np.ndarray[tuple[int], np.dtype[np.int64]]":
     """Parse one column as whole numbers. Returns (rows,)."""
-    return np.array([_parse(int, path, row, column, name, "a whole number") for row in rows], dtype=np.int64)
+    return np.array([_parse(_parse_int64, path, row, column, name, "a whole number") for row in rows], dtype=np.int64)
 
 
 def check_rising(path: Path, rows: list[Row], timestamps_s: FloatArray) -> None:
@@ -92,11 +94,15 @@ def check_rising(path: Path, rows: list[Row], timestamps_s: FloatArray) -> None:
         )
 
 
+def _parse_int64(text: str) -> int:
+    return int(np.int64(text))
+
+
 def _parse(convert: Callable[[str], float], path: Path, row: Row, column: int, name: str, expected: str) -> float:
     line, cells = row
     try:
         return convert(cells[column])
-    except ValueError:
+    except (ValueError, OverflowError):
         raise AsfmError(f"{path}, line {line}: expected {expected} as {name}, found {cells[column]!r}") from None
 
 
