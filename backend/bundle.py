@@ -79,7 +79,7 @@ def adjust_bundle(
         settled: relative change of the cost between two checks below which the optimum counts as reached.
     """
     graph = gtsam.NonlinearFactorGraph()
-    _add_sensor_factors(graph, problem.sensors)
+    _add_sensor_factors(graph, problem.sensors, world_from_vehicle)
     _add_sonar_factors(graph, problem)
     in_graph = np.zeros(len(xyz_m), dtype=bool)
     in_graph[problem.tracks.track[problem.observed]] = True
@@ -129,15 +129,20 @@ def _marginalise(bundle: Bundle) -> gtsam.Marginals:
     return gtsam.Marginals(graph, bundle.values)
 
 
-def _add_sensor_factors(graph: gtsam.NonlinearFactorGraph, sensors: SensorConstraints) -> None:
+def _add_sensor_factors(
+    graph: gtsam.NonlinearFactorGraph, sensors: SensorConstraints, world_from_vehicle: FloatArray
+) -> None:
+    """Add what the sensors say; the poses, (N, 4, 4), give the heading that tells roll from pitch."""
     noise = gtsam.noiseModel.Gaussian.Covariance(sensors.first_covariance)
     graph.add(gtsam.PriorFactorPose3(FIRST_POSE, gtsam.Pose3(sensors.first_pose), noise))
     for index, (step, sigma) in enumerate(zip(sensors.steps, sensors.step_sigma.tolist(), strict=True)):
         graph.add(step_factor(FIRST_POSE + index, FIRST_POSE + index + 1, step, *sigma))
-    z_sigma_m, angle_sigma_rad = sensors.z_angle_sigma
-    for index, (z_m, roll_rad, pitch_rad) in enumerate(sensors.z_roll_pitch.tolist()):
-        graph.add(depth_factor(FIRST_POSE + index, z_m, z_sigma_m))
-        graph.add(attitude_factor(FIRST_POSE + index, roll_rad, pitch_rad, angle_sigma_rad))
+    heading_rad = np.arctan2(world_from_vehicle[:, 1, 0], world_from_vehicle[:, 0, 0])
+    for index, (reading, sigma) in enumerate(zip(sensors.z_roll_pitch, sensors.z_roll_pitch_sigma, strict=True)):
+        if np.isfinite(sigma[0]):
+            graph.add(depth_factor(FIRST_POSE + index, float(reading[0]), float(sigma[0])))
+        if np.isfinite(sigma[1:]).any():
+            graph.add(attitude_factor(FIRST_POSE + index, reading[1:], sigma[1:], float(heading_rad[index])))
 
 
 def _add_sonar_factors(graph: gtsam.NonlinearFactorGraph, problem: BundleProblem) -> None:

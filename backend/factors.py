@@ -13,6 +13,8 @@ from asfm.types import FloatArray
 
 UNKNOWN_ELEVATION_SIGMA = 1e2
 """Standard deviation of tan(elevation): says that the elevation is not measured."""
+NOTHING_KNOWN_RAD = 1e2
+"""Standard deviation of an angle that was not measured."""
 UNIT_CAMERA = gtsam.Cal3_S2(1.0, 1.0, 0.0, 0.0, 0.0)
 
 
@@ -61,19 +63,39 @@ def range_factor(
     )
 
 
+def huber(noise: gtsam.noiseModel.Base, sigmas: float = 3.0) -> gtsam.noiseModel.Base:
+    """Wrap a noise model so that readings beyond a few sigmas pull no harder than those; within, it changes nothing."""
+    return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(sigmas), noise)
+
+
 def depth_factor(pose_key: int, z_m: float, sigma_m: float) -> gtsam.NonlinearFactor:
     """Constrain the vehicle's height in the world; the horizontal position stays free."""
     noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([1e4, 1e4, sigma_m]))
-    return gtsam.PoseTranslationPrior3D(pose_key, np.array([0.0, 0.0, z_m]), noise)
+    return gtsam.PoseTranslationPrior3D(pose_key, np.array([0.0, 0.0, z_m]), huber(noise))
 
 
-def attitude_factor(pose_key: int, roll_rad: float, pitch_rad: float, sigma_rad: float) -> gtsam.NonlinearFactor:
-    """Constrain roll and pitch: the world's up, seen from the vehicle, points where the attitude sensor says."""
+def attitude_factor(
+    pose_key: int, roll_pitch_rad: FloatArray, sigma_rad: FloatArray, yaw_rad: float
+) -> gtsam.NonlinearFactor:
+    """Constrain roll and pitch: the world's up, seen from the vehicle, points where the attitude sensor says.
+
+    GTSAM's residual is where that measured up points in the world, (-y, x) beside the zenith. With the heading h, an
+    error of roll moves it by cos(pitch) times the error along (cos h, sin h), an error of pitch by its own along
+    (-sin h, cos h).
+
+    Args:
+        roll_pitch_rad, sigma_rad: (2,) the reading and its standard deviations; infinite for one not measured.
+        yaw_rad: heading, which tells the two apart; some degrees of error do no harm.
+    """
+    roll_rad, pitch_rad = roll_pitch_rad.tolist()
     up_in_vehicle = gtsam.Rot3.RzRyRx(roll_rad, pitch_rad, 0.0).unrotate(np.array([0.0, 0.0, 1.0]))
-    noise = gtsam.noiseModel.Isotropic.Sigma(2, sigma_rad)
-    return gtsam.AttitudeFactorPose3(
-        pose_key, gtsam.Unit3(np.array([0.0, 0.0, 1.0])), noise, gtsam.Unit3(up_in_vehicle)
-    )
+    sine, cosine = np.sin(yaw_rad), np.cos(yaw_rad)
+    turn = np.array([[cosine, -sine], [sine, cosine]])
+    least = 1e-2  # looking straight up or down, roll is hardly seen, but the noise model must not be singular
+    sigma = np.minimum(sigma_rad, NOTHING_KNOWN_RAD) * [max(abs(np.cos(pitch_rad)), least), 1.0]
+    noise = gtsam.noiseModel.Gaussian.Covariance(turn @ np.diag(sigma**2) @ turn.T)
+    up = gtsam.Unit3(np.array([0.0, 0.0, 1.0]))
+    return gtsam.AttitudeFactorPose3(pose_key, up, huber(noise), gtsam.Unit3(up_in_vehicle))
 
 
 def step_factor(

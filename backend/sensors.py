@@ -5,10 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from asfm.backend.navigation import read_levels
+from asfm.backend.odometry import read_odometry
 from asfm.config import BackendConfig
-from asfm.poses import interpolate, invert, make_pose
+from asfm.poses import invert, make_pose
 from asfm.sequence import Sequence
-from asfm.types import FloatArray
+from asfm.types import FloatArray, Trajectory
 
 TIGHT = 1e-6
 
@@ -29,8 +31,10 @@ class SensorConstraints:
     """(N - 1, 2) standard deviations of the rotation in rad and of the translation in m, each axis."""
     z_roll_pitch: FloatArray
     """(N, 3) metres and radians, or (0, 3) without navigation."""
-    z_angle_sigma: tuple[float, float]
-    """Standard deviations of z in m and of roll and pitch in rad."""
+    z_roll_pitch_sigma: FloatArray
+    """(N, 3) or (0, 3) standard deviations in metres and radians; infinite where nothing was measured."""
+    warnings: tuple[str, ...] = ()
+    """What is wrong with the readings, one clear sentence each."""
 
     @property
     def typical_rotation_rad(self) -> float:
@@ -40,18 +44,13 @@ class SensorConstraints:
 
 def odometry_at_frames(sequence: Sequence, config: BackendConfig) -> FloatArray | None:
     """Interpolate the odometry at the frames' stamps: (N, 4, 4), or None where there is none or it is not wanted."""
-    if sequence.odometry is None or not config.use_odometry:
-        return None
-    return interpolate(sequence.odometry.timestamps_s, sequence.odometry.world_from_vehicle, sequence.timestamps_s)
+    odometry = read_odometry(sequence, config)
+    return None if odometry is None else odometry.world_from_vehicle
 
 
 def navigation_at_frames(sequence: Sequence, config: BackendConfig) -> FloatArray:
     """Interpolate depth and attitude at the frames' stamps: (N, 3) z_m, roll_rad, pitch_rad; (0, 3) without."""
-    navigation = sequence.navigation
-    if navigation is None or not config.use_navigation:
-        return np.zeros((0, 3))
-    readings = (navigation.z_m, np.unwrap(navigation.roll_rad), navigation.pitch_rad)
-    return np.stack([np.interp(sequence.timestamps_s, navigation.timestamps_s, value) for value in readings], axis=1)
+    return read_levels(sequence, config).z_roll_pitch
 
 
 def sensor_constraints(
@@ -60,6 +59,7 @@ def sensor_constraints(
     world_from_vehicle: FloatArray,
     step_sigma: FloatArray,
     measured: bool,
+    warnings: tuple[str, ...] = (),
 ) -> SensorConstraints:
     """Gather the constraints.
 
@@ -67,12 +67,13 @@ def sensor_constraints(
         world_from_vehicle: (N, 4, 4) the odometry at the frames, or what stands in for it.
         step_sigma: (N - 1, 2) standard deviations of its steps' rotation in rad and translation in m.
         measured: whether it is odometry.
+        warnings: what is wrong with it.
     """
-    navigation = navigation_at_frames(sequence, config)
+    levels = read_levels(sequence, config, Trajectory(sequence.timestamps_s, world_from_vehicle) if measured else None)
     noise = sequence.noise
     angle_rad = float(np.hypot(noise.navigation_roll_rad, noise.navigation_pitch_rad) / np.sqrt(2))
     world_sigma = np.full(6, TIGHT)
-    if len(navigation):
+    if len(levels.sigma):
         world_sigma[[0, 1, 5]] = angle_rad, angle_rad, noise.navigation_z_m
     rotation = np.zeros((6, 6))
     rotation[:3, :3] = rotation[3:, 3:] = world_from_vehicle[0, :3, :3].T
@@ -82,8 +83,9 @@ def sensor_constraints(
         measured=measured,
         steps=invert(world_from_vehicle[:-1]) @ world_from_vehicle[1:],
         step_sigma=step_sigma,
-        z_roll_pitch=navigation,
-        z_angle_sigma=(noise.navigation_z_m, angle_rad),
+        z_roll_pitch=levels.z_roll_pitch,
+        z_roll_pitch_sigma=levels.sigma,
+        warnings=(*warnings, *levels.warnings),
     )
 
 

@@ -6,11 +6,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asfm.backend.motion import chain_planar_motions
+from asfm.backend.odometry import read_odometry
 from asfm.backend.sensors import (
     SensorConstraints,
     level_pose,
     navigation_at_frames,
-    odometry_at_frames,
     sensor_constraints,
 )
 from asfm.config import Config
@@ -33,12 +33,13 @@ class Start:
 
 def start_from_odometry(sequence: Sequence, config: Config) -> Start | None:
     """Start from the odometry, or give None where there is none or it is not wanted."""
-    poses = odometry_at_frames(sequence, config.backend)
-    if poses is None:
+    odometry = read_odometry(sequence, config.backend)
+    if odometry is None:
         return None
-    sigma = np.array([sequence.noise.odometry_rotation_rad, sequence.noise.odometry_translation_m])
-    step_sigma = np.tile(sigma, (len(poses) - 1, 1))
-    return Start(poses, sensor_constraints(sequence, config.backend, poses, step_sigma, measured=True))
+    poses = odometry.world_from_vehicle
+    return Start(
+        poses, sensor_constraints(sequence, config.backend, poses, odometry.step_sigma, True, odometry.warnings)
+    )
 
 
 def start_from_tracks(sequence: Sequence, tracks: Tracks, config: Config, rng: np.random.Generator) -> Start:

@@ -67,7 +67,7 @@ def make_world(seed: int, noise: float = 1.0, frame_count: int = 20, points: int
         steps,
         np.tile(STEP_SIGMA, (frame_count - 1, 1)),
         np.zeros((0, 3)),
-        (1.0, 1.0),
+        np.zeros((0, 3)),
     )
     problem = BundleProblem(
         tracks,
@@ -197,7 +197,7 @@ def test_navigation_fixes_height_and_attitude() -> None:
     sensors = replace(
         world.problem.sensors,
         z_roll_pitch=readings,
-        z_angle_sigma=(1e-4, 1e-4),
+        z_roll_pitch_sigma=np.full(readings.shape, 1e-4),
         first_covariance=rotation @ loose @ rotation.T,
     )
     blind = replace(world.problem, sensors=sensors, observed=np.zeros(len(world.problem.tracks), dtype=bool))

@@ -135,10 +135,10 @@ def test_elevation_factor_pulls_to_the_elevation_and_leaves_the_bearing(seed: in
 def test_depth_factor_measures_the_height_alone(seed: int) -> None:
     rng = np.random.default_rng(seed)
     pose = _random_pose(rng)
-    factor = depth_factor(POSE, float(pose[2, 3]) - 0.1, 0.02)
+    factor = depth_factor(POSE, float(pose[2, 3]) - 0.05, 0.02)
     values = _values(pose, np.zeros(3))
-    assert abs(_error(factor, values)[2]) == pytest.approx(0.1)
-    assert factor.error(values) == pytest.approx(0.5 * (0.1 / 0.02) ** 2, rel=1e-4)
+    assert abs(_error(factor, values)[2]) == pytest.approx(0.05)
+    assert factor.error(values) == pytest.approx(0.5 * (0.05 / 0.02) ** 2, rel=1e-4)
     sideways = pose.copy()
     sideways[:2, 3] += rng.normal(0, 5, 2)
     assert factor.error(_values(sideways, np.zeros(3))) == pytest.approx(factor.error(values), rel=1e-4)
@@ -149,22 +149,48 @@ def test_depth_factor_measures_the_height_alone(seed: int) -> None:
 def test_attitude_factor_is_blind_to_yaw_and_place(seed: int) -> None:
     rng = np.random.default_rng(seed)
     roll_rad, pitch_rad = rng.uniform(-1.2, 1.2, 2).tolist()
-    factor = attitude_factor(POSE, roll_rad, pitch_rad, 0.01)
+    factor = attitude_factor(POSE, np.array([roll_rad, pitch_rad]), np.array([0.01, 0.02]), 0.3)
     for yaw_rad in rng.uniform(-np.pi, np.pi, 5).tolist():
         pose = make_pose(rng.normal(0, 5, 3), Rotation.from_euler("ZYX", [yaw_rad, pitch_rad, roll_rad]))
         assert factor.error(_values(pose, np.zeros(3))) == pytest.approx(0.0, abs=1e-12)
 
 
-@pytest.mark.parametrize("turn", ["x", "y"])
-@pytest.mark.parametrize("angle_rad", [-0.05, 0.05])
-def test_attitude_factor_measures_a_tilt_in_sigmas(turn: str, angle_rad: float) -> None:
-    """Tilting the vehicle about a horizontal axis of the world costs half the square of the tilt in sigmas."""
-    factor = attitude_factor(POSE, 0.3, -0.4, 0.01)
-    level = Rotation.from_euler("ZYX", [1.1, -0.4, 0.3])
-    pose = make_pose(np.zeros(3), Rotation.from_euler(turn, angle_rad) * level)
-    values = _values(pose, np.zeros(3))
-    assert factor.error(values) == pytest.approx(0.5 * (angle_rad / 0.01) ** 2, rel=2e-3)
-    _check_jacobian(factor, values, np.full(2, 0.01))
+@pytest.mark.parametrize("off", [(0.004, 0.0), (0.0, 0.03), (0.004, -0.03)])
+@pytest.mark.parametrize("yaw_rad", [-2.0, 0.0, 1.1, 3.0])
+def test_attitude_factor_weighs_roll_and_pitch_each_by_its_own_sigma(off: tuple[float, float], yaw_rad: float) -> None:
+    sigma = np.array([0.003, 0.02])
+    factor = attitude_factor(POSE, np.array([0.3, -0.4]), sigma, yaw_rad)
+    pose = make_pose(np.zeros(3), Rotation.from_euler("ZYX", [yaw_rad, -0.4 + off[1], 0.3 + off[0]]))
+    expected = 0.5 * float(np.sum((np.array(off) / sigma) ** 2))
+    assert factor.error(_values(pose, np.zeros(3))) == pytest.approx(expected, rel=0.03)
+
+
+def test_attitude_factor_without_a_roll_leaves_it_free() -> None:
+    factors = [attitude_factor(POSE, np.array([0.0, 0.2]), np.array([roll, 0.01]), 0.0) for roll in (np.inf, 0.01)]
+    pose = make_pose(np.zeros(3), Rotation.from_euler("ZYX", [0.0, 0.2, 0.5]))
+    free, held = (factor.error(_values(pose, np.zeros(3))) for factor in factors)
+    assert free < 5 < 100 < held
+
+
+def test_navigation_factors_forgive_gross_errors() -> None:
+    """A reading a hundred sigmas off pulls no harder than one of three."""
+    pose = _random_pose(np.random.default_rng(0))
+    roll_rad, pitch_rad = 0.2, 0.1
+    level = make_pose(np.zeros(3), Rotation.from_euler("ZYX", [0.0, pitch_rad, roll_rad]))
+    depths = [depth_factor(POSE, float(pose[2, 3]) + off_m, 0.01) for off_m in (0.03, 1.0)]
+    tilts = [
+        attitude_factor(POSE, np.array([roll_rad, pitch_rad + off_rad]), np.full(2, 0.002), 0.0)
+        for off_rad in (0.006, 0.35)
+    ]
+    for (near, far), at in ((depths, pose), (tilts, level)):
+        pulls = [
+            np.linalg.norm(
+                f.linearize(_values(at, np.zeros(3))).jacobian()[0].T
+                @ f.linearize(_values(at, np.zeros(3))).jacobian()[1]
+            )
+            for f in (near, far)
+        ]
+        assert pulls[1] < 1.2 * pulls[0]
 
 
 @pytest.mark.parametrize("seed", SEEDS)

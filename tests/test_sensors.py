@@ -85,7 +85,7 @@ def test_steps_chain_back_to_the_poses() -> None:
         chained.append(chained[-1] @ step)
     np.testing.assert_allclose(np.stack(chained), start.world_from_vehicle, atol=1e-9)
     np.testing.assert_array_equal(start.sensors.step_sigma, np.tile([0.004, 0.03], (4, 1)))
-    assert start.sensors.z_angle_sigma == pytest.approx((0.05, np.sqrt((0.006**2 + 0.008**2) / 2)))
+    np.testing.assert_allclose(start.sensors.z_roll_pitch_sigma, np.tile([0.05, 0.006, 0.008], (5, 1)))
 
 
 def test_first_pose_is_held_but_for_what_navigation_measures() -> None:
