@@ -3,6 +3,7 @@
 import json
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -130,7 +131,7 @@ def test_recordings_that_share_little_run_to_the_end(
 
 def test_evaluation_names_alignment_and_sets_the_odometry_beside(demo_folder: Path, capsys: Any) -> None:
     results = demo_folder / "results"
-    before = (results / "evaluation.json").read_bytes()
+    before = json.loads((results / "evaluation.json").read_text())
     (results / "evaluation.json").unlink()
     text = ask(capsys, "evaluate", results)
     header, *lines = text.splitlines()
@@ -138,9 +139,33 @@ def test_evaluation_names_alignment_and_sets_the_odometry_beside(demo_folder: Pa
     row = next(line for line in lines if line.startswith("ATE RMSE, SE(3)-aligned, scale off"))
     run_m, unit, odometry_m, ratio = row.split("scale off")[1].split()
     assert unit == "m" and float(ratio) == pytest.approx(float(run_m) / float(odometry_m), abs=0.01)
-    assert (results / "evaluation.json").read_bytes() == before, "asfm run wrote the same"
+    after = json.loads((results / "evaluation.json").read_text())
+    assert after["notes"] == before["notes"]
+    assert after["rows"][: len(before["rows"])] == before["rows"], "asfm run wrote the same, but for the bound"
     table = evaluate_folder(results)
     assert table.row("ATE RMSE, SE(3)-aligned, scale off").value == pytest.approx(float(run_m), abs=5e-5)
+
+
+def test_evaluation_sets_a_simulated_run_over_its_bound(demo_folder: Path, tmp_path: Path, capsys: Any) -> None:
+    results = tmp_path / "results"
+    shutil.copytree(demo_folder / "results", results)
+    text = ask(capsys, "evaluate", results)
+    bound_m, ate_over_bound = (
+        float(next(line for line in text.splitlines() if line.startswith(name)).split("scale off")[1].split()[0])
+        for name in ("bound (true associations, ideal points), SE(3)-aligned", "ATE / bound, SE(3)-aligned")
+    )
+    ate_m = evaluate_folder(results).row("ATE RMSE, SE(3)-aligned, scale off").value
+    assert bound_m > 0 and ate_over_bound == pytest.approx(ate_m / bound_m, rel=0.05)
+    assert '"name": "ATE / bound' in (results / "evaluation.json").read_text()
+    assert "bound" not in ask(capsys, "evaluate", results, "--reference", results / "trajectory.tum")
+    table = (results / "tracks.csv").read_text()
+    (results / "tracks.csv").write_text(table.replace(",1\n", ",yes\n", 1))
+    assert run_command_line(["evaluate", str(results)]) == 2
+    message = capsys.readouterr().err
+    assert "tracks.csv, line " in message and "as used, found 'yes'" in message and message.count("\n") == 1
+    (results / "tracks.csv").unlink()
+    text = ask(capsys, "evaluate", results)
+    assert "note: No bound: the results hold no tracks.csv" in text and "ATE / bound" not in text
 
 
 def test_a_reference_stands_in_for_the_truth(demo_folder: Path, tmp_path: Path, capsys: Any) -> None:
