@@ -1,0 +1,170 @@
+"""Loop closure: propose pairs of frames, look at them again, verify what matches, close what stands."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from asfm.backend.closure import close_loops
+from asfm.backend.loops import LoopPair, LoopSearch, choose_pairs, find_neighbours, search_loops
+from asfm.backend.solution import Solution
+from asfm.config import Config
+from asfm.frontend.alignment import align_matches
+from asfm.frontend.candidates import match_pairs
+from asfm.frontend.context import compare_contexts, describe_context
+from asfm.frontend.filters import difference_sigma
+from asfm.frontend.gating import PredictedPoses
+from asfm.frontend.keypoints import cut_squares
+from asfm.frontend.tracked import TrackedKeypoints
+from asfm.frontend.verification import Verdict, share_near_arcs, support_each_other, verify_loop
+from asfm.sequence import Sequence
+from asfm.sonar import feature_sigma
+from asfm.stages import StageReport
+from asfm.types import FloatArray, Keypoints, Matches, Tracks
+
+LATE = 1.0
+"""Added to the cost of a loop's matches: tracks are built from the matches of the window first."""
+STANDS = 0.5
+"""Share of a loop's matches that must lie near their arcs once all loops are closed."""
+
+
+@dataclass(frozen=True)
+class Closure:
+    """Loops that were found, and poses that agree with them."""
+
+    world_from_vehicle: FloatArray
+    """(N, 4, 4); those of before where there is no loop."""
+    matches: list[Matches]
+    """Of the accepted pairs of frames."""
+
+
+@dataclass
+class _Eyes:
+    """Frames looked at again: each image is read once more, and only where a loop needs it."""
+
+    sequence: Sequence
+    keypoints: list[Keypoints]
+    """Of every frame; those looked at have their squares."""
+    contexts: dict[int, FloatArray]
+    config: Config
+
+    def look(self, index: int) -> FloatArray:
+        """Give the context of a frame, and its keypoints their squares."""
+        if index not in self.contexts:
+            frame = self.sequence.read_frame(index)
+            self.contexts[index] = describe_context(frame, self.sequence.sonar)
+            self.keypoints[index] = cut_squares(frame, self.keypoints[index], self.sequence.sonar, self.config)
+        return self.contexts[index]
+
+
+def find_loops(
+    sequence: Sequence, keypoints: list[Keypoints], solution: Solution, config: Config, report: StageReport
+) -> Closure:
+    """Find loops under the poses of a round, and close them.
+
+    Args:
+        keypoints: those of every frame, without squares.
+        solution: poses, tracks and graph.
+        report: told what was looked at and accepted.
+
+    Raises:
+        AsfmError: a frame cannot be read again.
+    """
+    poses, window = solution.bundle.world_from_vehicle, config.matching.max_gap
+    search = search_loops(solution, sequence, config.loops, window)
+    chosen = choose_pairs(search, config.loops, window)
+    eyes = _Eyes(sequence, list(keypoints), {}, config)
+    tracked = TrackedKeypoints(solution.tracks, keypoints, sequence.sonar, config.noise, solution.observed)
+    judged = _judge_pairs(chosen, eyes, poses @ sequence.vehicle_from_sonar, tracked)
+    beside = _list_neighbours(search, judged, set(chosen))
+    judged += _judge_pairs(beside, eyes, poses @ sequence.vehicle_from_sonar, tracked)
+    accepted = [verdict for _, verdict in judged if verdict.accepted]
+    supported = [one for one in accepted if any(support_each_other(one, other, 2 * window) for other in accepted)]
+    poses, loops = _close([verdict.matches for verdict in supported], eyes, solution, tracked)
+    report.counts = {
+        "pairs looked at": len(chosen) + len(beside),
+        "loops": len(loops),
+        "matches": sum(len(match) for match in loops),
+        **_count_reasons(judged),
+    }
+    return Closure(poses, [replace(match, cost=match.cost + LATE) for match in loops])
+
+
+def _judge_pairs(
+    pairs: Iterable[LoopPair], eyes: _Eyes, world_from_sonar: FloatArray, tracked: TrackedKeypoints
+) -> list[tuple[LoopPair, Verdict]]:
+    """Match and verify pairs whose contexts are alike."""
+    judged = []
+    for pair in pairs:
+        if compare_contexts(eyes.look(pair.frame_a), eyes.look(pair.frame_b)) >= eyes.config.loops.min_likeness:
+            judged.append((pair, _judge_pair(pair, eyes, world_from_sonar, tracked)))
+    return judged
+
+
+def _judge_pair(pair: LoopPair, eyes: _Eyes, world_from_sonar: FloatArray, tracked: TrackedKeypoints) -> Verdict:
+    sonar, config = eyes.sequence.sonar, eyes.config
+    root = float(np.sqrt(pair.frame_b - pair.frame_a))
+    predicted = PredictedPoses(world_from_sonar, pair.bearing_sigma_rad / root, pair.range_sigma_m / root)
+    matches = match_pairs([(pair.frame_a, pair.frame_b)], eyes.keypoints, config, sonar, predicted)
+    (aligned,) = align_matches(matches, eyes.keypoints, sonar, config)
+    return verify_loop(aligned, eyes.keypoints, sonar, predicted, tracked, config)
+
+
+def _list_neighbours(
+    search: LoopSearch, judged: list[tuple[LoopPair, Verdict]], known: set[LoopPair]
+) -> list[LoopPair]:
+    """List the pairs that may support accepted ones and have not been looked at."""
+    found = [other for pair, verdict in judged if verdict.accepted for other in find_neighbours(search, pair)]
+    return [pair for pair in dict.fromkeys(found) if pair not in known]
+
+
+def _close(
+    loops: list[Matches], eyes: _Eyes, solution: Solution, tracked: TrackedKeypoints
+) -> tuple[FloatArray, list[Matches]]:
+    """Close the loops, leave out those that the closed trajectory contradicts, and close the others again."""
+    poses, sequence, config = solution.bundle.world_from_vehicle, eyes.sequence, eyes.config
+    correlation = config.backend.track_correlation
+    sigma = difference_sigma(sequence.sonar, config.noise)
+    while loops:
+        again = see_again(loops, tracked)
+        closed = close_loops(
+            solution.bundle,
+            again,
+            feature_sigma(sequence.sonar, config.noise),
+            sequence.vehicle_from_sonar,
+            correlation,
+        )
+        world_from_sonar = closed @ sequence.vehicle_from_sonar
+        stands = [
+            share_near_arcs(match, eyes.keypoints, sequence.sonar, world_from_sonar, sigma, config.matching.arc_gate)
+            >= STANDS
+            for match in loops
+        ]
+        if all(stands):
+            return closed, loops
+        loops = [match for match, fine in zip(loops, stands, strict=True) if fine]
+    return poses, loops
+
+
+def see_again(loops: list[Matches], tracked: TrackedKeypoints) -> Tracks:
+    """Turn matches into observations of each side's landmark by the other side's frame, each only once."""
+    rows = []
+    for match in loops:
+        for frame, other, (own, theirs) in (
+            (match.frame_a, match.frame_b, match.index.T),
+            (match.frame_b, match.frame_a, match.index.T[::-1]),
+        ):
+            track, seen = tracked.find(other, theirs), tracked.keypoints[frame]
+            same = track == tracked.find(frame, own)
+            places = np.stack([track, np.full(len(own), frame), seen.range_m[own], seen.bearing_rad[own]], axis=1)
+            rows.append(places[(track >= 0) & ~same])
+    table = np.unique(np.concatenate(rows), axis=0)
+    return Tracks(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2], table[:, 3])
+
+
+def _count_reasons(judged: list[tuple[LoopPair, Verdict]]) -> dict[str, float]:
+    counts: dict[str, float] = {}
+    for _, verdict in judged:
+        if not verdict.accepted:
+            counts[f"rejected for {verdict.reason}"] = counts.get(f"rejected for {verdict.reason}", 0) + 1
+    return counts
