@@ -156,13 +156,38 @@ class BackendConfig(Section):
     use_navigation: bool = True
     rounds: int = Field(default=3, ge=1)
     """How often association and optimisation alternate."""
-    track_correlation: float = Field(default=0.8, ge=0, le=1)
+    track_correlation: float = Field(default=1.0, ge=0, le=1)
     """Correlation of the errors of one track's observations: features slide along edges in step."""
     motion_prior_factor: float = Field(default=1.5, gt=0)
     """Without odometry: sigma of a step, over the typical step of the planar motions."""
     well_constrained_share: float = Field(default=0.4, gt=0)
     """A landmark is well constrained when its sigma is below this share of half its elevation arc. That it lies in the
     beam alone gives 0.58."""
+
+
+class LoopsConfig(Section):
+    """Loop closure: frames beyond the matching window that see the same again, verified before they count."""
+
+    enabled: bool = True
+    sigma_factor: float = Field(default=3.0, gt=0)
+    """The poses' standard deviations are taken this many times what the graph says of them."""
+    min_overlap: float = Field(default=0.3, gt=0, le=1)
+    """Share of a frame's frustum that the other frame sees, or may see."""
+    max_shared: int = Field(default=8, ge=0)
+    """Frames that share more landmarks than this are tied together already."""
+    max_pairs_per_frame: int = Field(default=2, ge=1)
+    max_pairs: int = Field(default=200, ge=1)
+    """Pairs of a whole sequence that are matched, apart from the neighbours that support them."""
+    min_likeness: float = Field(default=0.4, ge=0, le=1)
+    """Frames whose contexts are less alike, 0 to 1, show different places."""
+    min_matches: int = Field(default=10, ge=4)
+    """Fewest matches that agree on one motion."""
+    max_log_alarms: float = Field(default=-6.0, le=0)
+    """Logarithm to base 10 of how many such agreements chance alone may make of a pair."""
+    max_rivals: float = Field(default=0.5, gt=0, le=1)
+    """Another motion that this share as many matches agree on makes a pair ambiguous."""
+    max_conflicts: float = Field(default=0.2, ge=0, le=1)
+    """Share of the matches that may join what one frame sees apart from each other."""
 
 
 class Config(Section):
@@ -179,6 +204,7 @@ class Config(Section):
     localisation: LocalisationConfig = LocalisationConfig()
     noise: NoiseConfig = NoiseConfig()
     backend: BackendConfig = BackendConfig()
+    loops: LoopsConfig = LoopsConfig()
 
     @property
     def square_radius_px(self) -> int:

@@ -5,46 +5,35 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
+from asfm.backend.beam import (
+    EDGE_RAD,
+    SMALLEST_RANGE_M,
+    add_beam_knowledge,
+    add_elevation_factors,
+    bring_inside,
+    choose_middle,
+    find_outside,
+    see_elevations,
+)
 from asfm.backend.factors import (
     attitude_factor,
     bearing_factor,
     depth_factor,
-    elevation_factor,
     range_factor,
     step_factor,
 )
+from asfm.backend.problem import FIRST_POINT, FIRST_POSE, BundleProblem
 from asfm.backend.sensors import SensorConstraints
-from asfm.poses import invert, transform
-from asfm.sonar import project
-from asfm.types import BoolArray, FloatArray, Tracks
+from asfm.types import BoolArray, FloatArray
 
-FIRST_POSE = gtsam.symbol("x", 0)
-FIRST_POINT = gtsam.symbol("l", 0)
 ITERATIONS_BETWEEN_CHECKS = 4
 """Steps of Levenberg-Marquardt before it is looked again which points have left the beam."""
 MAX_CHECKS = 15
 VAGUE_SHARES = (10.0, 1.0, 0.3)
 """Sigmas of vague priors on points, over their distance: the vaguest with which GTSAM can factorise is taken."""
-LOST_RAD = 0.2
-"""How far outside the aperture a point counts as lost."""
-SMALLEST_RANGE_M = 1e-3
-APERTURE_EDGE_RAD = 0.01
-"""Standard deviation of the elevation beyond the edge of the aperture: beams do not end sharply."""
-
-
-@dataclass(frozen=True)
-class BundleProblem:
-    """Tracks, sensors and weights of one adjustment."""
-
-    tracks: Tracks
-    observed: BoolArray
-    """(O,) which observations enter the graph."""
-    sigma: FloatArray
-    """(O, 2) standard deviations of range_m and bearing_rad."""
-    sensors: SensorConstraints
-    vehicle_from_sonar: FloatArray
-    """(4, 4) lever arm."""
-    half_aperture_rad: float
+PROXIMITY = 1.0
+"""How far a point's elevation moves between two checks, over half the aperture: elevations that nothing tells would
+leave the beam in one step."""
 
 
 @dataclass(frozen=True)
@@ -68,9 +57,11 @@ def adjust_bundle(
 ) -> Bundle:
     """Optimise all poses and points at once, by Levenberg-Marquardt with Cauchy kernels on the sonar's factors.
 
-    Points must stay inside the beam. That is an inequality, so it is kept as an active set: every few iterations, the
-    observations whose point has left the elevation aperture get a factor that pulls it to the edge. The first few
-    iterations pull every point towards the middle of its beams instead, lest poor poses throw points far out.
+    Points must stay inside the beam. That is an inequality, so it is kept as an active set: every few iterations,
+    points that have left the elevation aperture are moved to its edge, and the observations that saw them outside get a
+    factor that pulls them there. Between two such checks a point's elevation may move by about half the aperture
+    (a proximal term, which vanishes at the optimum): else the elevations that little tells would be thrown out of the
+    beam in one step and bring their poses along.
 
     Args:
         problem: what is known.
@@ -85,22 +76,22 @@ def adjust_bundle(
     in_graph[problem.tracks.track[problem.observed]] = True
     poses, points = world_from_vehicle, xyz_m
     cost = np.inf
+    middle = choose_middle(problem)
     for check in range(MAX_CHECKS):
         cost_before = cost
+        outside, edge_rad = find_outside(problem, poses, points)
+        points = bring_inside(problem, poses, points)
         held = graph.clone()
-        if check == 0:
-            _add_elevation_factors(
-                held, problem, problem.observed, np.zeros(len(problem.tracks)), problem.half_aperture_rad
-            )
-        else:
-            outside, edge_rad = _find_outside(problem, poses, points)
-            _add_elevation_factors(held, problem, outside, edge_rad, APERTURE_EDGE_RAD)
-        values = _optimise(held, _make_values(poses, points, in_graph))
+        add_elevation_factors(held, problem, outside, edge_rad, EDGE_RAD)
+        kept = held.clone()
+        elevation_rad = see_elevations(problem, poses, points)
+        add_elevation_factors(kept, problem, middle, elevation_rad, PROXIMITY * problem.half_aperture_rad)
+        values = _optimise(kept, _make_values(poses, points, in_graph))
         poses, points = _read_values(values, len(poses), points, in_graph)
         cost = held.error(values)
-        if check > 1 and abs(cost_before - cost) <= settled * cost:
+        if check > 0 and abs(cost_before - cost) <= settled * cost:
             break
-    _add_beam_knowledge(graph, problem, poses, points)
+    add_beam_knowledge(graph, problem, poses, points)
     return Bundle(poses, points, in_graph, graph, values)
 
 
@@ -158,58 +149,6 @@ def _add_sonar_factors(graph: gtsam.NonlinearFactorGraph, problem: BundleProblem
     ):
         graph.add(bearing_factor(pose, point, bearing_rad, bearing_sigma, lever_arm))
         graph.add(range_factor(pose, point, range_m, range_sigma, lever_arm))
-
-
-def _find_outside(
-    problem: BundleProblem, world_from_vehicle: FloatArray, xyz_m: FloatArray
-) -> tuple[BoolArray, FloatArray]:
-    """Tell which observations see their point outside the aperture: (O,), and (O,) elevation_rad of the edge there."""
-    elevation_rad = _see_elevations(problem, world_from_vehicle, xyz_m)
-    outside = problem.observed & (np.abs(elevation_rad) > problem.half_aperture_rad)
-    return outside, np.copysign(problem.half_aperture_rad, elevation_rad)
-
-
-def _add_elevation_factors(
-    graph: gtsam.NonlinearFactorGraph,
-    problem: BundleProblem,
-    pulled: BoolArray,
-    elevation_rad: FloatArray,
-    sigma_rad: float,
-) -> None:
-    """Pull the points of the chosen (O,) observations to (O,) elevations."""
-    tracks = problem.tracks
-    lever_arm = gtsam.Pose3(problem.vehicle_from_sonar)
-    for index in np.flatnonzero(pulled).tolist():
-        pose, point = FIRST_POSE + int(tracks.frame[index]), FIRST_POINT + int(tracks.track[index])
-        beam, target = float(tracks.bearing_rad[index]), float(elevation_rad[index])
-        graph.add(elevation_factor(pose, point, beam, target, sigma_rad, lever_arm))
-
-
-def _add_beam_knowledge(
-    graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, world_from_vehicle: FloatArray, xyz_m: FloatArray
-) -> None:
-    """State once a point that it lies in the beam: a uniform elevation has the sigma half aperture / sqrt(3).
-
-    The factors rest at the optimum, so they tell covariances and move nothing. A point that has left the beam all the
-    same, maybe to where elevations are singular, is told instead that it lies within its range of where it is.
-    """
-    used = np.flatnonzero(problem.observed)
-    last = used[np.flatnonzero(np.diff(problem.tracks.track[used], append=-1))]
-    chosen = np.zeros(len(problem.tracks), dtype=bool)
-    chosen[last] = True
-    elevation_rad = _see_elevations(problem, world_from_vehicle, xyz_m)
-    inside = np.abs(elevation_rad) <= problem.half_aperture_rad + LOST_RAD
-    _add_elevation_factors(graph, problem, chosen & inside, elevation_rad, problem.half_aperture_rad / np.sqrt(3))
-    for index in np.flatnonzero(chosen & ~inside).tolist():
-        noise = gtsam.noiseModel.Isotropic.Sigma(3, max(float(problem.tracks.range_m[index]), SMALLEST_RANGE_M))
-        track = int(problem.tracks.track[index])
-        graph.add(gtsam.PriorFactorPoint3(FIRST_POINT + track, xyz_m[track], noise))
-
-
-def _see_elevations(problem: BundleProblem, world_from_vehicle: FloatArray, xyz_m: FloatArray) -> FloatArray:
-    """Elevation_rad at which each observation's frame sees its point: (O,)."""
-    sonar_from_world = invert(world_from_vehicle @ problem.vehicle_from_sonar)[problem.tracks.frame]
-    return project(transform(sonar_from_world, xyz_m[problem.tracks.track]))[2]
 
 
 def _make_values(world_from_vehicle: FloatArray, xyz_m: FloatArray, in_graph: BoolArray) -> gtsam.Values:

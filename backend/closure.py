@@ -8,8 +8,9 @@ where it is: first with sigmas as wide as the loops are open, then with their ow
 import gtsam
 import numpy as np
 
-from asfm.backend.bundle import FIRST_POINT, FIRST_POSE, Bundle
+from asfm.backend.bundle import Bundle
 from asfm.backend.factors import bearing_factor, range_factor
+from asfm.backend.problem import FIRST_POINT, FIRST_POSE
 from asfm.poses import invert, transform
 from asfm.sonar import project
 from asfm.types import FloatArray, Tracks

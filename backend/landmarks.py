@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from asfm.backend.bundle import APERTURE_EDGE_RAD, landmark_covariances
+from asfm.backend.beam import EDGE_RAD
+from asfm.backend.bundle import landmark_covariances
 from asfm.backend.solution import Solution
 from asfm.config import Config
 from asfm.poses import invert, transform
@@ -48,7 +49,7 @@ def _astray(solution: Solution, sequence: Sequence) -> BoolArray:
     seen = transform(sonar_from_world, solution.bundle.xyz_m[tracks.track[used]])
     _, bearing_rad, elevation_rad = project(seen)
     behind = np.cos(bearing_rad - tracks.bearing_rad[used]) <= 0
-    outside = np.abs(elevation_rad) > sequence.sonar.elevation_aperture_rad / 2 + FADING_EDGES * APERTURE_EDGE_RAD
+    outside = np.abs(elevation_rad) > sequence.sonar.elevation_aperture_rad / 2 + FADING_EDGES * EDGE_RAD
     return np.bincount(tracks.track[used], behind | outside, minlength=tracks.count) > 0
 
 

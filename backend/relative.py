@@ -11,7 +11,8 @@ import numpy as np
 from scipy.sparse import coo_matrix, csc_matrix
 from scipy.sparse.linalg import splu
 
-from asfm.backend.bundle import FIRST_POINT, FIRST_POSE, Bundle
+from asfm.backend.bundle import Bundle
+from asfm.backend.problem import FIRST_POINT, FIRST_POSE
 from asfm.poses import invert, transform
 from asfm.sonar import project
 from asfm.types import FloatArray, IntArray

@@ -4,7 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from asfm.backend.bundle import APERTURE_EDGE_RAD, Bundle, BundleProblem, adjust_bundle
+from asfm.backend.beam import EDGE_RAD
+from asfm.backend.bundle import Bundle, adjust_bundle
+from asfm.backend.problem import BundleProblem
 from asfm.backend.sensors import SensorConstraints
 from asfm.backend.triangulation import Gate, triangulate_tracks
 from asfm.config import Config
@@ -45,7 +47,7 @@ def solve_tracks(
     sigma = typical if tracks.sigma is None else tracks.sigma
     gate = Gate(
         half_aperture_rad=sequence.sonar.elevation_aperture_rad / 2,
-        edge_rad=float(np.hypot(APERTURE_EDGE_RAD, sensors.typical_rotation_rad)),
+        edge_rad=float(np.hypot(EDGE_RAD, sensors.typical_rotation_rad)),
     )
     slack = MEASURED_SLACK if sensors.measured else GUESSED_SLACK
     found = triangulate_tracks(

@@ -7,14 +7,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asfm.backend.bundle import (
-    FIRST_POINT,
-    Bundle,
-    BundleProblem,
-    _add_beam_knowledge,
-    adjust_bundle,
-    landmark_covariances,
-)
+from asfm.backend.beam import add_beam_knowledge
+from asfm.backend.bundle import Bundle, adjust_bundle, landmark_covariances
+from asfm.backend.problem import FIRST_POINT, BundleProblem
 from asfm.backend.sensors import SensorConstraints
 from asfm.poses import invert, make_pose, transform
 from asfm.sonar import SonarModel, back_project, project
@@ -228,7 +223,7 @@ def test_a_point_lost_above_the_sonar_leaves_the_covariances_finite() -> None:
     above_m = back_project(tracks.range_m[last], tracks.bearing_rad[last], np.pi / 2 - 1e-5)  # elevations are singular
     xyz_m[3] = transform(bundle.world_from_vehicle[tracks.frame[last]] @ LEVER_ARM, above_m)
     graph = gtsam.NonlinearFactorGraph()
-    _add_beam_knowledge(graph, world.problem, bundle.world_from_vehicle, xyz_m)
+    add_beam_knowledge(graph, world.problem, bundle.world_from_vehicle, xyz_m)
     values = gtsam.Values(bundle.values)
     values.update(FIRST_POINT + 3, xyz_m[3])
     information, _ = graph.linearize(values).hessian()

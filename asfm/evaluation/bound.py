@@ -142,7 +142,8 @@ def _solve(
     Returns:
         (N, 4, 4) in the start's world.
     """
-    from asfm.backend.bundle import BundleProblem, adjust_bundle  # loads GTSAM
+    from asfm.backend.bundle import adjust_bundle  # loads GTSAM
+    from asfm.backend.problem import BundleProblem
     from asfm.backend.start import start_from_odometry, start_from_tracks
 
     assert tracks.sigma is not None
