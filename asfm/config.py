@@ -156,6 +156,8 @@ class BackendConfig(Section):
     use_navigation: bool = True
     rounds: int = Field(default=3, ge=1)
     """How often association and optimisation alternate."""
+    max_views: int = Field(default=30, ge=3)
+    """A landmark seen more often keeps the observations that inform most."""
     track_correlation: float = Field(default=1.0, ge=0, le=1)
     """Correlation of the errors of one track's observations: features slide along edges in step."""
     motion_prior_factor: float = Field(default=1.5, gt=0)
@@ -186,6 +188,8 @@ class LoopsConfig(Section):
     """Logarithm to base 10 of how many such agreements chance alone may make of a pair."""
     max_rivals: float = Field(default=0.5, gt=0, le=1)
     """Another motion that this share as many matches agree on makes a pair ambiguous."""
+    min_coverage: float = Field(default=0.5, ge=0, le=1)
+    """Share of the keypoints that both frames should see with a match nearby: the same place agrees all over."""
     max_conflicts: float = Field(default=0.2, ge=0, le=1)
     """Share of the matches that may join what one frame sees apart from each other."""
 

@@ -7,6 +7,7 @@ import numpy as np
 from asfm.backend.beam import EDGE_RAD
 from asfm.backend.bundle import Bundle, adjust_bundle
 from asfm.backend.problem import BundleProblem
+from asfm.backend.selection import cap_observations
 from asfm.backend.sensors import SensorConstraints
 from asfm.backend.triangulation import Gate, triangulate_tracks
 from asfm.config import Config
@@ -59,6 +60,8 @@ def solve_tracks(
     )
     views = np.bincount(tracks.track, found.agrees, minlength=tracks.count)
     observed = found.agrees & (views >= config.tracks.min_views)[tracks.track]
+    observed = cap_observations(tracks, observed, sigma, config.backend.max_views)
+    views = np.bincount(tracks.track, observed, minlength=tracks.count)
     problem = BundleProblem(
         tracks=tracks,
         observed=observed,
