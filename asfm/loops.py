@@ -22,6 +22,8 @@ from asfm.sonar import feature_sigma
 from asfm.stages import StageReport
 from asfm.types import FloatArray, Keypoints, Matches, Tracks
 
+Judged = tuple[LoopPair, Verdict]
+
 LATE = 1.0
 """Added to the cost of a loop's matches: tracks are built from the matches of the window first."""
 STANDS = 0.5
@@ -76,23 +78,22 @@ def find_loops(
     eyes = _Eyes(sequence, list(keypoints), {}, config)
     tracked = TrackedKeypoints(solution.tracks, keypoints, sequence.sonar, config.noise, solution.observed)
     judged = _judge_pairs(chosen, eyes, poses @ sequence.vehicle_from_sonar, tracked)
-    beside = _list_neighbours(search, judged, set(chosen))
+    beside = _list_neighbours(search, judged, set(chosen), window)
     judged += _judge_pairs(beside, eyes, poses @ sequence.vehicle_from_sonar, tracked)
-    accepted = [verdict for _, verdict in judged if verdict.accepted]
-    supported = [one for one in accepted if any(support_each_other(one, other, 2 * window) for other in accepted)]
-    poses, loops = _close([verdict.matches for verdict in supported], eyes, solution, tracked)
+    supported = _find_supported(judged, window)
+    poses, loops = _close([verdict.matches for _, verdict in supported], eyes, solution, tracked)
     report.counts = {
         "pairs looked at": len(chosen) + len(beside),
         "loops": len(loops),
         "matches": sum(len(match) for match in loops),
-        **_count_reasons(judged),
+        **_count_reasons(judged, supported),
     }
     return Closure(poses, [replace(match, cost=match.cost + LATE) for match in loops])
 
 
 def _judge_pairs(
     pairs: Iterable[LoopPair], eyes: _Eyes, world_from_sonar: FloatArray, tracked: TrackedKeypoints
-) -> list[tuple[LoopPair, Verdict]]:
+) -> list[Judged]:
     """Match and verify pairs whose contexts are alike."""
     judged = []
     for pair in pairs:
@@ -110,12 +111,18 @@ def _judge_pair(pair: LoopPair, eyes: _Eyes, world_from_sonar: FloatArray, track
     return verify_loop(aligned, eyes.keypoints, sonar, predicted, tracked, config)
 
 
-def _list_neighbours(
-    search: LoopSearch, judged: list[tuple[LoopPair, Verdict]], known: set[LoopPair]
-) -> list[LoopPair]:
-    """List the pairs that may support accepted ones and have not been looked at."""
-    found = [other for pair, verdict in judged if verdict.accepted for other in find_neighbours(search, pair)]
+def _list_neighbours(search: LoopSearch, judged: list[Judged], known: set[LoopPair], window: int) -> list[LoopPair]:
+    """List the pairs that may support the accepted ones that nothing supports yet."""
+    supported = {pair for pair, _ in _find_supported(judged, window)}
+    lonely = [pair for pair, verdict in judged if verdict.accepted and pair not in supported]
+    found = [other for pair in lonely for other in find_neighbours(search, pair)]
     return [pair for pair in dict.fromkeys(found) if pair not in known]
+
+
+def _find_supported(judged: list[Judged], window: int) -> list[Judged]:
+    """Give the accepted pairs that another one, close in both frames, agrees with."""
+    accepted = [(pair, verdict) for pair, verdict in judged if verdict.accepted]
+    return [one for one in accepted if any(support_each_other(one[1], other[1], 2 * window) for other in accepted)]
 
 
 def _close(
@@ -162,9 +169,8 @@ def see_again(loops: list[Matches], tracked: TrackedKeypoints) -> Tracks:
     return Tracks(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2], table[:, 3])
 
 
-def _count_reasons(judged: list[tuple[LoopPair, Verdict]]) -> dict[str, float]:
-    counts: dict[str, float] = {}
-    for _, verdict in judged:
-        if not verdict.accepted:
-            counts[f"rejected for {verdict.reason}"] = counts.get(f"rejected for {verdict.reason}", 0) + 1
-    return counts
+def _count_reasons(judged: list[Judged], supported: list[Judged]) -> dict[str, float]:
+    reasons = [verdict.reason for _, verdict in judged if not verdict.accepted]
+    counts: dict[str, float] = {f"rejected for {name}": reasons.count(name) for name in dict.fromkeys(reasons)}
+    alone = len(judged) - len(reasons) - len(supported)
+    return {**counts, "rejected for standing alone": alone} if alone else counts

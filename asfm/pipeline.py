@@ -17,6 +17,7 @@ from asfm.frontend.denoising import detect_mask
 from asfm.frontend.gating import PredictedPoses
 from asfm.frontend.keypoints import cut_squares, detect_keypoints
 from asfm.frontend.tracks import build_tracks
+from asfm.loops import find_loops
 from asfm.recorder import NullRecorder, Recorder
 from asfm.sequence import Sequence
 from asfm.stages import Progress, StageClock, StageReport, no_progress
@@ -140,7 +141,7 @@ def optimise(
     config: Config,
     clock: StageClock,
 ) -> Solution:
-    """Alternate association and adjustment."""
+    """Alternate association and adjustment. Loops are looked for once poses are better than the start."""
     poses = start.world_from_vehicle
     for number in range(config.backend.rounds):
         with clock.stage(f"round {number + 1}") as report:
@@ -149,6 +150,10 @@ def optimise(
             poses = solution.bundle.world_from_vehicle
             report.counts = {"tracks": tracks.count, "observations": int(solution.observed.sum())}
         clock.progress("optimise", number + 1, config.backend.rounds)
+        if number == 0 and config.loops.enabled and config.backend.rounds > 1:
+            with clock.stage("loops") as report:
+                loops = find_loops(sequence, keypoints, solution, config, report)
+            poses, candidates = loops.world_from_vehicle, candidates + loops.matches
     return solution
 
 

@@ -23,7 +23,8 @@ def associate(
     """Keep the matches that lie near their elevation arcs under the current poses and join them into tracks.
 
     Poses are less certain over larger gaps. The gate of each gap therefore follows the typical residual of its
-    matches, most of which are right, and never falls below ``tracks.min_gate``.
+    matches, most of which are right, and never falls below ``tracks.min_gate``. Loops, gaps wider than
+    ``matching.max_gap``, share one gate: a gap of its own may have a single pair, and a wrong one would set its gate.
 
     Args:
         keypoints: those of every frame.
@@ -36,7 +37,8 @@ def associate(
     sigma = feature_sigma(sonar, config.noise) * np.sqrt(2.0)
     pixels = [np.stack([frame.range_m, frame.bearing_rad], axis=1) for frame in keypoints]
     residual = [_match_residuals(pixels, match, sonar, world_from_sonar, sigma) for match in matches]
-    gap = np.array([match.frame_b - match.frame_a for match in matches])
+    loop_gap = config.matching.max_gap + 1
+    gap = np.array([min(match.frame_b - match.frame_a, loop_gap) for match in matches])
     gate = np.empty(len(matches))
     for value in np.unique(gap):
         of_gap = np.flatnonzero(gap == value)

@@ -1,13 +1,14 @@
 """Verification of a loop: whether two frames far apart in time truly show the same place.
 
 Every test is against one way of being wrong: too few matches (chance), a second motion that fits as well (a scene that
-repeats itself), matches that join what one frame sees apart (two things that look alike).
+repeats itself), matches that join what one frame sees apart, or in one corner only (two things that look alike).
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 from scipy.stats import binom
 
 from asfm.config import Config
@@ -23,6 +24,8 @@ from asfm.types import BoolArray, FloatArray, Keypoints, Matches
 
 RIVAL_FILTERS = ("mutual", "planar", "ssl")
 """What judges the matches of another motion: not the ratio, for in a scene that repeats itself no nearest is clear."""
+NEARBY = 8
+"""A match is nearby when it is among so many keypoints nearest to one: as far as they lie apart themselves."""
 OF_DESCRIPTORS = ("mutual", "ratio")
 """Filters that do not ask where a match lies: those that they let pass are what a motion is sought among."""
 
@@ -84,6 +87,8 @@ def verify_loop(
         return _reject(matches, "chance")
     if tracked.share_conflicts(matches) > settings.max_conflicts:
         return _reject(matches, "conflicts")
+    if _cover(matches, a, b, motion) < settings.min_coverage:
+        return _reject(matches, "coverage")
     if _count_rivals(matches, a, b, near & ~beside, sonar, config) > settings.max_rivals * len(matches):
         return _reject(matches, "rivals")
     shift_m = _disagree(matches, b, motion, predicted)
@@ -172,6 +177,29 @@ def _count_rivals(
     return len(
         filter_matches(rival, matches.frame_a, matches.frame_b, config.model_copy(update={"matching": matching}))
     )
+
+
+def _cover(matches: Matches, a: Keypoints, b: Keypoints, motion: FloatArray) -> float:
+    """Tell which share of the keypoints that both frames should see has a match nearby.
+
+    The same place agrees all over; of two places with one thing alike only that thing does.
+    """
+    shares = []
+    for own, other, which, other_from_own in (
+        (a, b, matches.index[:, 0], np.linalg.inv(motion)),
+        (b, a, matches.index[:, 1], motion),
+    ):
+        xy = place_in_plane(own, np.arange(len(own)))
+        moved = xy @ other_from_own[:2, :2].T + other_from_own[:2, 3]
+        range_m, bearing_rad = np.hypot(*moved.T), np.arctan2(moved[:, 1], moved[:, 0])
+        ends = (other.range_m, other.bearing_rad)
+        common = (range_m >= ends[0].min()) & (range_m <= ends[0].max())
+        common &= (bearing_rad >= ends[1].min()) & (bearing_rad <= ends[1].max())
+        _, nearest = cKDTree(xy).query(xy[common], k=min(NEARBY, len(xy)))
+        matched = np.zeros(len(xy), dtype=bool)
+        matched[which] = True
+        shares.append(float(np.mean(matched[nearest].any(axis=1))) if common.any() else 1.0)
+    return min(shares)
 
 
 def _disagree(matches: Matches, b: Keypoints, motion: FloatArray, predicted: PredictedPoses) -> FloatArray:
