@@ -5,9 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from asfm.backend.landmarks import describe_landmarks
+from asfm.backend.repeats import drop_repeats
 from asfm.backend.solution import Solution, solve_tracks
-from asfm.backend.start import Start, start_from_odometry, start_from_tracks
+from asfm.backend.start import Start, check_start, mend_start, start_from_odometry, start_from_tracks
 from asfm.backend.support import describe_support
+from asfm.backend.witness import list_sightings
 from asfm.config import Config
 from asfm.frontend.alignment import align_matches
 from asfm.frontend.association import associate
@@ -57,9 +59,10 @@ def reconstruct(
     recorder = recorder or NullRecorder()
     clock = StageClock(progress)
     keypoints, candidates = extract(sequence, config, recorder, clock, given)
+    candidates, repeats = drop_repeats(keypoints, candidates, start_from_odometry(sequence, config))
     start = initialise(sequence, keypoints, candidates, config, clock)
     solution = optimise(sequence, keypoints, candidates, start, config, clock)
-    reconstruction = conclude(sequence, solution, config, clock)
+    reconstruction = conclude(sequence, solution, config, clock, (*start.sensors.warnings, *repeats))
     with clock.stage("record"):
         recorder.record_reconstruction(sequence, reconstruction)
     return Run(reconstruction, tuple(clock.reports))
@@ -125,10 +128,16 @@ def initialise(
 ) -> Start:
     """Start from odometry, or from a chain of planar motions where there is none."""
     with clock.stage("start") as report:
+        rng = np.random.default_rng(config.seed)
         start = start_from_odometry(sequence, config)
-        if start is None:
+        if start is not None:
+            start = check_start(start, sequence, list_sightings(keypoints, candidates), config, rng)
+        if start is None or start.doubted.any():
             tracks = build_tracks(keypoints, candidates)
-            start = start_from_tracks(sequence, tracks, config, np.random.default_rng(config.seed))
+            if start is None:
+                start = start_from_tracks(sequence, tracks, config, rng)
+            else:
+                start = mend_start(start, sequence, tracks, rng)
             report.counts = {"tracks": tracks.count}
     return start
 
@@ -157,7 +166,9 @@ def optimise(
     return solution
 
 
-def conclude(sequence: Sequence, solution: Solution, config: Config, clock: StageClock) -> Reconstruction:
+def conclude(
+    sequence: Sequence, solution: Solution, config: Config, clock: StageClock, warnings: tuple[str, ...] = ()
+) -> Reconstruction:
     """Describe the landmarks and say what the poses rest on."""
     with clock.stage("landmarks") as report:
         landmarks = describe_landmarks(solution, sequence, config)
@@ -167,7 +178,7 @@ def conclude(sequence: Sequence, solution: Solution, config: Config, clock: Stag
         tracks=solution.tracks,
         observed=solution.observed,
         landmarks=landmarks,
-        warnings=describe_support(sequence, solution, config),
+        warnings=(*warnings, *describe_support(sequence, solution, config)),
     )
 
 

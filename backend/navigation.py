@@ -45,14 +45,14 @@ def read_levels(sequence: Sequence, config: BackendConfig, odometry: Trajectory 
     readings = stack_readings(navigation)
     sigma = _sensor_sigma(sequence)
     wrong, away = find_spikes(_flatten(readings, navigation, odometry), sigma + _odometry_sigma(sequence, odometry))
-    values, widened, far = np.empty((len(sequence), 3)), np.empty((len(sequence), 3)), np.zeros(len(sequence), bool)
+    values, widened = np.empty((len(sequence), 3)), np.empty((len(sequence), 3))
     for channel in range(3):
         good = ~wrong[:, channel]
         stamps_s = navigation.timestamps_s[good]
         values[:, channel] = np.interp(sequence.timestamps_s, stamps_s, readings[good, channel])
         sharing = count_sharing(stamps_s, sequence.timestamps_s, navigation.timestamps_s)
         widened[:, channel] = sigma[channel] * np.sqrt(sharing)
-        far |= ~np.isfinite(sharing)
+    far = ~np.isfinite(count_sharing(navigation.timestamps_s, sequence.timestamps_s))
     warnings = _tell_wrong(wrong, away, sigma) + _tell_gaps(far)
     return Levels(values, widened, warnings)
 

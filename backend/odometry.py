@@ -1,6 +1,6 @@
 """Odometry as steps between frames: steps that jump are not believed, gaps make them vague."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -27,6 +27,8 @@ class Odometry:
     step_sigma: FloatArray
     """(N - 1, 2) standard deviations of the steps' rotation in rad and translation in m, each axis."""
     warnings: tuple[str, ...] = ()
+    doubted: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    """(N - 1,) which steps jump, or lie where no reading is near."""
 
 
 def read_odometry(sequence: Sequence, config: BackendConfig) -> Odometry | None:
@@ -42,7 +44,7 @@ def read_odometry(sequence: Sequence, config: BackendConfig) -> Odometry | None:
     poses = interpolate(odometry.timestamps_s, odometry.world_from_vehicle, sequence.timestamps_s)
     noise = sequence.noise
     sigma = np.tile([noise.odometry_rotation_rad, noise.odometry_translation_m], (len(poses) - 1, 1))
-    read = Odometry(poses, sigma)
+    read = Odometry(poses, sigma, (), np.zeros(len(sigma), dtype=bool))
     return _widen_gaps(_repair_jumps(read, np.diff(sequence.timestamps_s), noise), sequence)
 
 
@@ -52,7 +54,7 @@ def _repair_jumps(odometry: Odometry, elapsed_s: FloatArray, noise: SensorNoise)
     if len(poses) <= FEWEST:
         return odometry
     steps = invert(poses[:-1]) @ poses[1:]
-    turn_rad, shift_m = Rotation.from_matrix(steps[:, :3, :3]).as_rotvec(), steps[:, :3, 3]
+    turn_rad, shift_m = Rotation.from_matrix(steps[:, :3, :3]).as_rotvec(), steps[:, :3, 3].copy()
     pace = (elapsed_s / np.median(elapsed_s))[:, None]  # a step over lost pings is long, and no jump
     turns = _find_jumps(turn_rad / pace, noise.odometry_rotation_rad)
     shifts = _find_jumps(shift_m / pace, noise.odometry_translation_m)
@@ -67,7 +69,7 @@ def _repair_jumps(odometry: Odometry, elapsed_s: FloatArray, noise: SensorNoise)
     unknown = _unknown_step(turn_rad[~jumps], shift_m[~jumps])
     sigma = odometry.step_sigma.copy()
     sigma[jumps] = np.hypot(sigma[jumps], unknown * pace[jumps])
-    return Odometry(repaired, sigma, (*odometry.warnings, *_tell_jumps(jumps, turn_rad, shift_m)))
+    return Odometry(repaired, sigma, _tell_jumps(jumps, turn_rad, shift_m), jumps)
 
 
 def _find_jumps(steps: FloatArray, sigma: float) -> tuple[BoolArray, FloatArray]:
@@ -102,7 +104,9 @@ def _widen_gaps(odometry: Odometry, sequence: Sequence) -> Odometry:
     if len(sigma):
         turn_deg, shift_m = np.rad2deg(sigma[unknown, 0].max()), sigma[unknown, 1].max()
         sentence += f": the steps there count as known to {turn_deg:.2g} deg and {shift_m:.2g} m only"
-    return replace(odometry, step_sigma=sigma, warnings=(*odometry.warnings, sentence))
+    return replace(
+        odometry, step_sigma=sigma, warnings=(*odometry.warnings, sentence), doubted=odometry.doubted | unknown
+    )
 
 
 def _tell_jumps(jumps: BoolArray, turn_rad: FloatArray, shift_m: FloatArray) -> tuple[str, ...]:

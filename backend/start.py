@@ -1,22 +1,32 @@
 """Where the poses start and what holds them: odometry, or a chain of planar motions and a weak prior."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from asfm.backend.agreement import compare_levels, find_shift, place_at_levels
 from asfm.backend.motion import chain_planar_motions
+from asfm.backend.navigation import Levels, read_levels
 from asfm.backend.odometry import read_odometry
+from asfm.backend.odometry_check import (
+    describe_shift,
+    describe_verdict,
+    judge_odometry,
+    measure_disagreement,
+    settle_levels,
+)
 from asfm.backend.sensors import (
     SensorConstraints,
     level_pose,
     navigation_at_frames,
     sensor_constraints,
 )
+from asfm.backend.witness import Sighting, agree_on_sightings
 from asfm.config import Config
-from asfm.poses import invert
+from asfm.poses import invert, make_pose
 from asfm.sequence import Sequence
-from asfm.types import BoolArray, FloatArray, Tracks
+from asfm.types import BoolArray, FloatArray, Tracks, Trajectory
 
 LEAST_STEP = (1e-3, 1e-3)
 """Floor of the motion prior's sigmas: rad, and metres per metre of range."""
@@ -29,6 +39,8 @@ class Start:
     world_from_vehicle: FloatArray
     """(N, 4, 4)"""
     sensors: SensorConstraints
+    doubted: BoolArray
+    """(N - 1,) which steps of the initial poses are not worth starting from."""
 
 
 def start_from_odometry(sequence: Sequence, config: Config) -> Start | None:
@@ -36,10 +48,54 @@ def start_from_odometry(sequence: Sequence, config: Config) -> Start | None:
     odometry = read_odometry(sequence, config.backend)
     if odometry is None:
         return None
-    poses = odometry.world_from_vehicle
-    return Start(
-        poses, sensor_constraints(sequence, config.backend, poses, odometry.step_sigma, True, odometry.warnings)
-    )
+    poses, noise = odometry.world_from_vehicle, sequence.noise
+    levels = read_levels(sequence, config.backend, Trajectory(sequence.timestamps_s, poses))
+    trusted = ~compare_levels(poses, levels, noise).contradicts
+    poses, moved = place_at_levels(poses, levels, noise, trusted)
+    warnings = (*odometry.warnings, *moved)
+    sensors = sensor_constraints(sequence, config.backend, poses, odometry.step_sigma, True, warnings)
+    return Start(poses, sensors, odometry.doubted)
+
+
+def check_start(
+    start: Start, sequence: Sequence, sightings: list[Sighting], config: Config, rng: np.random.Generator
+) -> Start:
+    """Hold odometry against the images and against navigation, and make vague what they contradict."""
+    kept = [seen for seen in sightings if not start.doubted[seen.frame_a : seen.frame_b].any()]
+    agreed = agree_on_sightings(kept, rng)
+    poses, sensors = start.world_from_vehicle, start.sensors
+    verdict = judge_odometry(poses, sensors, agreed, sequence, config)
+    shift = find_shift(poses, Levels(sensors.z_roll_pitch, sensors.z_roll_pitch_sigma), sequence.noise)
+    contradicted = verdict is not None and verdict.contradicted
+    if not agreed or not (contradicted or shift):
+        return Start(*settle_levels(poses, sensors, agreed, sequence), start.doubted)
+    sigma = measure_disagreement(poses, agreed, sequence.vehicle_from_sonar)
+    sentences = [describe_verdict(verdict, sigma)] if verdict is not None and contradicted else []
+    if shift:
+        sentences.append(describe_shift(shift * float(np.median(np.diff(sequence.timestamps_s))), sigma))
+    sensors = replace(sensors, step_sigma=np.hypot(sensors.step_sigma, sigma), warnings=(*sensors.warnings, *sentences))
+    return Start(poses, sensors, np.ones(len(start.doubted), dtype=bool))
+
+
+def mend_start(start: Start, sequence: Sequence, tracks: Tracks, rng: np.random.Generator) -> Start:
+    """Put planar motions in the place of the steps that are not worth starting from.
+
+    Args:
+        tracks: joined without knowledge of the poses.
+    """
+    poses = start.world_from_vehicle
+    chain, supported = chain_planar_motions(tracks, len(poses), poses[0], sequence.vehicle_from_sonar, rng)
+    steps = invert(poses[:-1]) @ poses[1:]
+    shown = invert(chain[:-1]) @ chain[1:]
+    steps = np.where((start.doubted & supported[1:])[:, None, None], shown, steps)
+    mended = [poses[0]]
+    for step in steps:
+        mended.append(mended[-1] @ step)
+    rotation = Rotation.from_matrix(np.stack(mended)[:, :3, :3])
+    levels = Levels(start.sensors.z_roll_pitch, start.sensors.z_roll_pitch_sigma)
+    trusted = np.full(3, bool(start.doubted.all()))
+    placed, _ = place_at_levels(make_pose(np.stack(mended)[:, :3, 3], rotation), levels, sequence.noise, trusted)
+    return Start(placed, replace(start.sensors, first_pose=placed[0]), start.doubted)
 
 
 def start_from_tracks(sequence: Sequence, tracks: Tracks, config: Config, rng: np.random.Generator) -> Start:
@@ -60,7 +116,8 @@ def start_from_tracks(sequence: Sequence, tracks: Tracks, config: Config, rng: n
     )
     held = np.repeat(poses[:1], len(poses), axis=0)
     step_sigma = np.tile(sigma, (len(poses) - 1, 1))
-    return Start(poses, sensor_constraints(sequence, config.backend, held, step_sigma, measured=False))
+    sensors = sensor_constraints(sequence, config.backend, held, step_sigma, measured=False)
+    return Start(poses, sensors, np.zeros(len(step_sigma), dtype=bool))
 
 
 def _typical_step(world_from_vehicle: FloatArray, moved: BoolArray) -> FloatArray:
