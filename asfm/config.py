@@ -156,7 +156,7 @@ class BackendConfig(Section):
     use_navigation: bool = True
     rounds: int = Field(default=3, ge=1)
     """How often association and optimisation alternate."""
-    max_views: int = Field(default=30, ge=3)
+    max_views: int = Field(default=20, ge=3)
     """A landmark seen more often keeps the observations that inform most."""
     track_correlation: float = Field(default=1.0, ge=0, le=1)
     """Correlation of the errors of one track's observations: features slide along edges in step."""
