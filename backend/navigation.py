@@ -44,7 +44,8 @@ def read_levels(sequence: Sequence, config: BackendConfig, odometry: Trajectory 
         return Levels(np.zeros((0, 3)), np.zeros((0, 3)))
     readings = stack_readings(navigation)
     sigma = _sensor_sigma(sequence)
-    wrong, away = find_spikes(_flatten(readings, navigation, odometry), sigma + _odometry_sigma(sequence, odometry))
+    level = _flatten(readings, navigation, odometry)
+    wrong, away = find_spikes(level, sigma + _odometry_sigma(sequence, odometry), navigation.timestamps_s)
     values, widened = np.empty((len(sequence), 3)), np.empty((len(sequence), 3))
     for channel in range(3):
         good = ~wrong[:, channel]
