@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from asfm.backend.motion import estimate_planar_motion
+from asfm.planar_motion import agree_on_planar_motion
 from asfm.poses import invert, make_pose, transform
 from asfm.sonar import SonarModel, project
 from asfm.types import FloatArray, Keypoints, Matches
@@ -22,8 +22,11 @@ BY_PREDICTION = "arc"
 """Name of the filter that needs predicted poses: what it rejects may be right where the prediction is wrong."""
 MIN_AGREEING = 8
 """Fewest matches that must agree on a planar motion."""
-MAX_PAIRS = 120
+MAX_PAIRS = 60
 """Pairs of frames that are asked, spread over the sequence."""
+MAX_POINTS = 60
+"""Points of a pair that are looked at."""
+TRIALS = 100
 ELEVATIONS = 9
 GIVEN = "as it is"
 
@@ -72,9 +75,13 @@ def agree_on_sightings(pairs: Iterable[Sighting], rng: np.random.Generator) -> l
             np.stack([pixel[:, 0] * np.cos(pixel[:, 1]), pixel[:, 0] * np.sin(pixel[:, 1])], axis=1)
             for pixel in (pair.pixel_a, pair.pixel_b)
         )
-        motion, agrees = estimate_planar_motion(xy_a, xy_b, 0.03 * pair.pixel_b[:, 0], rng, trials=100)
+        first = rng.integers(0, len(xy_a), TRIALS)
+        second = (first + rng.integers(1, len(xy_a), TRIALS)) % len(xy_a)
+        picks = np.stack([first, second], axis=1)
+        motion, agrees = agree_on_planar_motion(xy_a, xy_b, 0.03 * pair.pixel_b[:, 0], picks)
         if agrees.sum() >= max(MIN_AGREEING, 0.25 * len(agrees)):
-            agreed.append(Sighting(pair.frame_a, pair.frame_b, pair.pixel_a[agrees], pair.pixel_b[agrees], motion))
+            which = rng.permutation(np.flatnonzero(agrees))[:MAX_POINTS]
+            agreed.append(Sighting(pair.frame_a, pair.frame_b, pair.pixel_a[which], pair.pixel_b[which], motion))
     return agreed
 
 
