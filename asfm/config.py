@@ -177,8 +177,7 @@ class LoopsConfig(Section):
     """Share of a frame's frustum that the other frame sees, or may see."""
     max_shared: int = Field(default=8, ge=0)
     """Frames that share more landmarks than this are tied together already."""
-    max_pairs_per_frame: int = Field(default=2, ge=1)
-    max_pairs: int = Field(default=200, ge=1)
+    max_pairs: int = Field(default=80, ge=1)
     """Pairs of a whole sequence that are matched, apart from the neighbours that support them."""
     min_likeness: float = Field(default=0.4, ge=0, le=1)
     """Frames whose contexts are less alike, 0 to 1, show different places."""

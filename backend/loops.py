@@ -83,25 +83,21 @@ def search_loops(solution: Solution, sequence: Sequence, settings: LoopsConfig, 
 
 
 def choose_pairs(search: LoopSearch, settings: LoopsConfig, window: int) -> list[LoopPair]:
-    """Choose a few pairs a frame, the largest overlap first, and none close to another in both frames."""
-    spread = max(window // 2, 1)
-    taken = np.zeros((len(search.frames),) * 2, dtype=bool)
-    place = {int(frame): index for index, frame in enumerate(search.frames)}
-    used: dict[int, int] = {}
-    chosen: list[LoopPair] = []
-    stride = max(1, round(spread * len(search.frames) / (int(search.frames[-1]) + 1)))
-    for pair in sorted(search.pairs.values(), key=lambda pair: (-pair.overlap, pair.frame_a, pair.frame_b)):
-        if len(chosen) >= settings.max_pairs:
-            break
-        a, b = place[pair.frame_a], place[pair.frame_b]
-        full = max(used.get(pair.frame_a, 0), used.get(pair.frame_b, 0)) >= settings.max_pairs_per_frame
-        if full or taken[a, b]:
-            continue
-        taken[max(a - stride, 0) : a + stride + 1, max(b - stride, 0) : b + stride + 1] = True
-        for frame in (pair.frame_a, pair.frame_b):
-            used[frame] = used.get(frame, 0) + 1
-        chosen.append(pair)
-    return chosen
+    """Choose the pair of the largest overlap from each cell of the plane of frame pairs.
+
+    The cells are squares of half a window, or as much larger as keeps their number within ``loops.max_pairs``: few
+    loops are looked at closely, and many evenly.
+    """
+    size = max(window // 2, 1)
+    while True:
+        best: dict[tuple[int, int], LoopPair] = {}
+        for pair in search.pairs.values():
+            cell = (pair.frame_a // size, pair.frame_b // size)
+            if cell not in best or pair.overlap > best[cell].overlap:
+                best[cell] = pair
+        if len(best) <= settings.max_pairs:
+            return list(best.values())
+        size += 1
 
 
 def find_neighbours(search: LoopSearch, pair: LoopPair) -> list[LoopPair]:

@@ -228,7 +228,7 @@ def test_recorder_is_shown_every_frame_in_order_and_the_result(tank: Sequence) -
     assert witness.results == [run.reconstruction]
     assert [done for stage, done, total in told if stage == "front-end" and total == 5] == [1, 2, 3, 4, 5]
     names = [stage.name for stage in run.stages]
-    assert names == ["front-end", "start", "round 1", "round 2", "round 3", "landmarks", "record"]
+    assert names == ["front-end", "start", "round 1", "loops", "round 2", "round 3", "landmarks", "record"]
     assert all(stage.wall_s >= 0 for stage in run.stages)
     assert run.stages[0].counts["frames"] == 5
 
