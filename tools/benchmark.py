@@ -6,22 +6,31 @@ results agree.
 ``python tools/benchmark.py frontend [DATA_FOLDER]`` sets every number that the front-end is asked to reach beside what
 it reaches: its stages, the time of a frame over that of A-KAZE alone, and the matches beside the truth.
 ``python tools/benchmark.py rates [DATA_FOLDER]`` counts the false alarms of CFAR on noise and in recorded empty water.
+``python tools/benchmark.py backend [DATA_FOLDER]`` does the same for the back-end, over simulated sequences (and the
+recordings with true poses where their folder is given): means, worst cases, covariances against the truth.
+``python tools/benchmark.py backend-speed`` times its adjustment against factors in Python, and over a long sequence.
 ``python tools/benchmark.py run SEQUENCE [--set SECTION.KEY=VALUE]...`` measures one ``asfm run`` in a child process.
 ``python tools/benchmark.py reach DATA_FOLDER`` measures the public recordings one after the other, in one table.
 """
 
 import argparse
 import sys
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
-from benchmark_frontend import SEQUENCES, list_numbers, tabulate
+from benchmark_accuracy import MODES
+from benchmark_backend import describe_accuracy, list_backend_numbers, list_tasks, measure_tasks
+from benchmark_batch import BATCH_FRAMES, BATCH_OBSERVATIONS, list_batch_numbers
+from benchmark_frontend import SEQUENCES, Number, list_numbers, tabulate
 from benchmark_kernels import COMPARISONS, Comparison, choose_comparisons, time_in_turns
 from benchmark_rates import list_rates
 from benchmark_runs import RunFailed, describe_run, measure_run, tabulate_reach
+from benchmark_sequences import SEEN, SONARS, list_cases, list_narrow_cases
+from benchmark_solver import compare_factors
 
 from asfm.config import load_config
 from asfm.errors import AsfmError
@@ -57,6 +66,10 @@ def main(arguments: list[str] | None = None) -> int:
         lines, all_ran = tabulate_reach(options.data, options.recording)
         print("\n".join(lines))
         return 0 if all_ran else 1
+    if options.what == "backend":
+        return _report_backend(options)
+    if options.what == "backend-speed":
+        return _show_table([*compare_factors(), *list_batch_numbers(options.frames, options.observations)])
     cv2.setNumThreads(options.threads)
     if options.what == "frontend":
         return _report_frontend(options)
@@ -79,6 +92,11 @@ def make_parser() -> argparse.ArgumentParser:
     frontend.add_argument("data", type=Path, nargs="?", metavar="DATA_FOLDER")
     frontend.add_argument("--sequences", nargs="+", default=SEQUENCES, metavar="NAME", help="folders below DATA_FOLDER")
     _add_timing(frontend)
+    backend = commands.add_parser("backend", help="what the back-end is asked to reach, in one table")
+    _add_sequences(backend)
+    speed = commands.add_parser("backend-speed", help="the adjustment against factors in Python; a long sequence")
+    speed.add_argument("--frames", type=int, default=BATCH_FRAMES, help="of the long sequence")
+    speed.add_argument("--observations", type=int, default=BATCH_OBSERVATIONS, help="of each of its frames")
     run = commands.add_parser("run", help="measure one asfm run")
     run.add_argument("sequence", type=Path)
     rates = commands.add_parser("rates", help="false-alarm rates over the asked ones, on noise and in empty water")
@@ -86,7 +104,7 @@ def make_parser() -> argparse.ArgumentParser:
     rates.add_argument("--images", type=int, default=8, help="512 x 512 images of noise; 8 give 2,000 alarms at 1e-3")
     reach = commands.add_parser("reach", help="measure the public runs, in one table")
     reach.add_argument("data", type=Path, metavar="DATA_FOLDER")
-    for command in (run, frontend):
+    for command in (run, frontend, backend):
         command.add_argument("--set", dest="settings", action="append", default=[], metavar="SECTION.KEY=VALUE")
     for command in (run, reach):
         command.add_argument("--recording", action="store_true", help="with the viewer's recording, which takes longer")
@@ -99,6 +117,45 @@ def _add_timing(command: argparse.ArgumentParser) -> None:
     command.add_argument("--threads", type=int, default=1, help="threads of OpenCV; the peers use one")
 
 
+def _add_sequences(command: argparse.ArgumentParser) -> None:
+    command.add_argument("data", type=Path, nargs="?", metavar="DATA_FOLDER")
+    command.add_argument("--scenes", nargs="*", default=SEEN, metavar="SCENE")
+    command.add_argument("--sonars", nargs="*", default=SONARS, metavar="PRESET")
+    command.add_argument("--seeds", type=int, default=5, help="so many runs of each scene before each sonar")
+    command.add_argument(
+        "--narrow-seeds", type=int, help="runs of the narrow sonar that sways fast; as many by default"
+    )
+    command.add_argument("--frames", type=int, default=80)
+    command.add_argument("--modes", nargs="+", choices=MODES, default=tuple(MODES))
+    command.add_argument("--cache", type=Path, metavar="DIR", help="keeps the sequences; else a temporary folder")
+    command.add_argument("--jobs", type=int, default=1, help="sequences measured at once")
+    command.add_argument("--no-bound", dest="bound", action="store_false", help="spare the time that the bound takes")
+
+
+def _report_backend(options: argparse.Namespace) -> int:
+    cases = list_cases(options.scenes, options.sonars, options.seeds, options.frames)
+    narrow_seeds = options.seeds if options.narrow_seeds is None else options.narrow_seeds
+    tasks = list_tasks(cases, list_narrow_cases(narrow_seeds, options.frames), options.data, options.modes)
+    runs = []
+    try:
+        load_config(None, tuple(options.settings))
+        with tempfile.TemporaryDirectory() as scratch:
+            cache = options.cache or Path(scratch)
+            for task, run in measure_tasks(tasks, cache, tuple(options.settings), options.bound, options.jobs):
+                print(describe_accuracy(run), flush=True)
+                runs.append((task, run))
+    except AsfmError as error:
+        print(error, file=sys.stderr)
+        return 1
+    print()
+    return _show_table(list(list_backend_numbers(runs)))
+
+
+def _show_table(numbers: Sequence[Number]) -> int:
+    print("\n".join(tabulate(numbers)))
+    return 1 if any(number.ok is False for number in numbers) else 0
+
+
 def _report_frontend(options: argparse.Namespace) -> int:
     try:
         config = load_config(None, tuple(options.settings))
@@ -106,8 +163,7 @@ def _report_frontend(options: argparse.Namespace) -> int:
     except AsfmError as error:
         print(error, file=sys.stderr)
         return 1
-    print("\n".join(tabulate(numbers)))
-    return 1 if any(number.ok is False for number in numbers) else 0
+    return _show_table(numbers)
 
 
 def _report_run(options: argparse.Namespace) -> int:

@@ -49,8 +49,12 @@ class Number:
     def cells(self) -> tuple[str, str, str, str, str]:
         """Give what, asked, reached, unit, ok."""
         bound, sign = (self.at_least, "≥") if self.at_most is None else (self.at_most, "≤")
-        asked = "" if bound is None else f"{sign} {bound:g}"
+        asked = "" if bound is None else f"{sign} {bound:.3g}" if bound < 1000 else f"{sign} {bound:,.0f}"
+        if self.at_most is not None and self.at_least is not None:
+            asked = f"{self.at_least:.3g} to {self.at_most:.3g}"
         reached = "-" if self.reached is None else f"{self.reached:.3g}"
+        if self.reached is not None and np.isfinite(self.reached) and abs(self.reached) >= 1000:
+            reached = f"{self.reached:,.0f}"
         return self.what, asked, reached, self.unit, {None: "", True: "yes", False: "NO"}[self.ok]
 
 

@@ -1,0 +1,244 @@
+"""The back-end's table: that its numbers are what they say, on tiny sequences and on points that are made up."""
+
+import importlib
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import gtsam
+import numpy as np
+import pytest
+
+from asfm.backend.bundle import Bundle
+from asfm.backend.factors import bearing_factor, range_factor
+from asfm.backend.problem import FIRST_POSE
+from asfm.backend.solution import Solution
+from asfm.poses import invert, transform
+from asfm.sonar import project
+from asfm.types import FloatArray, FrameTruth, Landmarks, Reconstruction, Tracks, Trajectory
+
+TOOLS = Path(__file__).resolve().parents[1] / "tools"
+
+
+@pytest.fixture(autouse=True)
+def tools(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the tools find each other, as when one is run as a script."""
+    monkeypatch.syspath_prepend(str(TOOLS))
+
+
+def load(name: str) -> ModuleType:
+    return importlib.import_module(name)
+
+
+def make_floor(frames: int = 12, observations: int = 20, navigation: bool = True) -> Any:
+    return load("benchmark_floor").make_floor(frames, observations, (6, frames), "sway", 1.0, navigation)
+
+
+def test_floor_is_seen_where_it_is() -> None:
+    floor, sonar = make_floor(), load("benchmark_floor").SONAR
+    truth, tracks = floor.sequence.groundtruth.world_from_vehicle, floor.tracks
+    in_sonar_m = transform(invert(truth)[tracks.frame], floor.xyz_m[tracks.track])
+    assert sonar.sees(in_sonar_m).all()
+    range_m, bearing_rad, _ = project(in_sonar_m)
+    error = np.stack([tracks.range_m - range_m, tracks.bearing_rad - bearing_rad], axis=1) / tracks.sigma
+    np.testing.assert_allclose(error.std(axis=0), 1, atol=0.2)
+    np.testing.assert_allclose(tracks.sigma[0], [1.5 * sonar.range_step_m, np.deg2rad(0.3)], rtol=0.1)
+    views = np.bincount(tracks.track)
+    assert views.min() >= 6 and len(floor.xyz_m) == tracks.count == len(views)
+    assert len(tracks) / 12 == pytest.approx(20, rel=0.1)
+    assert (np.diff(tracks.track * 12 + tracks.frame) > 0).all(), "sorted by track and frame"
+    assert abs(floor.xyz_m[:, 2]).max() < 1 < np.ptp(floor.xyz_m[:, :2], axis=0).min()
+
+
+@pytest.mark.parametrize("kind", ["bearing", "range"])
+def test_factors_in_python_are_the_native_ones(kind: str) -> None:
+    """Same error and same whitened derivatives, kernel included, at a pose and a point at random."""
+    rng = np.random.default_rng(4)
+    native = {"bearing": bearing_factor, "range": range_factor}[kind]
+    python = getattr(load("benchmark_solver"), f"make_{kind}_factor")
+    for _ in range(5):
+        values = gtsam.Values()
+        pose = gtsam.Pose3.Expmap(rng.normal(size=6))
+        values.insert(0, pose)
+        values.insert(1, pose.transformFrom(np.array([3.0, 0.5, 0.4]) + 0.2 * rng.normal(size=3)))
+        reading = 3.0 if kind == "range" else 0.1
+        ours, theirs = python(0, 1, reading, 0.02), native(0, 1, reading, 0.02, gtsam.Pose3())
+        assert ours.error(values) == pytest.approx(theirs.error(values), rel=1e-9)
+        for mine, other in zip(ours.linearize(values).jacobian(), theirs.linearize(values).jacobian(), strict=True):
+            np.testing.assert_allclose(mine, other, atol=1e-8)
+
+
+def test_speed_is_told(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    benchmark, solver = load("benchmark"), load("benchmark_solver")
+    monkeypatch.setattr(benchmark, "compare_factors", lambda: solver.compare_factors(6, 15))
+    code = benchmark.main(["backend-speed", "--frames", "12", "--observations", "10"])
+    lines = {line.split("  ")[0]: line.split() for line in capsys.readouterr().out.splitlines()}
+    assert lines["native factors, farthest pose from that optimum"][-1] == "yes", "both solve the same"
+    assert code == (1 if lines["native factors, faster"][-1] == "NO" else 0)
+    seconds = {name: float(cells[-2]) for name, cells in lines.items() if cells[-1] == "s"}
+    rounds = sum(value for name, value in seconds.items() if ", round" in name)
+    assert lines["12 frames, in all"][-1] == "yes"
+    assert float(lines["12 frames, in all"][-3]) == pytest.approx(rounds + seconds["12 frames, landmarks"], rel=0.02)
+    assert 50 < float(lines["12 frames, peak memory"][-3].replace(",", "")) < 3000
+
+
+def make_solution(sigma: FloatArray, error: FloatArray, frames: int) -> tuple[Solution, FloatArray]:
+    """Poses of which a prior with (6,) sigmas says all, and the truth which lies (frames, 6) beside them."""
+    graph, values, truth = gtsam.NonlinearFactorGraph(), gtsam.Values(), []
+    rng = np.random.default_rng(2)
+    for index in range(frames):
+        pose = gtsam.Pose3.Expmap(rng.normal(size=6))
+        graph.add(gtsam.PriorFactorPose3(FIRST_POSE + index, pose, gtsam.noiseModel.Diagonal.Sigmas(sigma)))
+        values.insert(FIRST_POSE + index, pose)
+        truth.append(pose.retract(error[index]).matrix())
+    poses = np.stack([values.atPose3(FIRST_POSE + index).matrix() for index in range(frames)])
+    nothing = np.zeros(0)
+    tracks = Tracks(nothing.astype(int), nothing.astype(int), nothing, nothing)
+    bundle = Bundle(poses, np.zeros((0, 3)), np.zeros(0, dtype=bool), graph, values)
+    return Solution(tracks, np.zeros(0, dtype=bool), bundle), np.stack(truth)
+
+
+def test_nees_is_one_where_covariances_are_true() -> None:
+    measure_nees = load("benchmark_honesty").measure_nees
+    rng, sigma = np.random.default_rng(0), np.array([0.01, 0.03, 0.02, 0.3, 0.1, 0.05])
+    error = sigma * rng.normal(size=(400, 6))
+    error[0] = 100 * sigma  # of the first pose, which does not count
+    position, attitude = measure_nees(*make_solution(sigma, error, 400))
+    assert position == pytest.approx(np.mean((error / sigma)[1:, 3:] ** 2), rel=1e-6)
+    assert (position, attitude) == pytest.approx((1, 1), abs=0.12)
+    twice = error * [1, 1, 1, 2, 2, 2]
+    position, attitude = measure_nees(*make_solution(sigma, twice, 400))
+    assert (position, attitude) == pytest.approx((4, 1), rel=0.12), "position and attitude are told apart"
+    solution, truth = make_solution(sigma, error, 3)
+    graph = gtsam.NonlinearFactorGraph()
+    for key in (FIRST_POSE, FIRST_POSE + 1):  # nothing holds the first pose
+        noise = gtsam.noiseModel.Isotropic.Sigma(6, 1.0)
+        graph.add(gtsam.BetweenFactorPose3(key, key + 1, gtsam.Pose3(), noise))
+    loose = replace(solution, bundle=replace(solution.bundle, graph=graph))
+    assert measure_nees(loose, truth) is None
+
+
+def test_the_interval_is_what_draws_fall_into() -> None:
+    low, high = load("benchmark_backend").nees_interval(10)
+    means = np.mean(np.random.default_rng(0).normal(size=(4000, 30)) ** 2, axis=1)
+    assert np.mean((means > low) & (means < high)) == pytest.approx(0.95, abs=0.015)
+    assert low < 1 < high
+
+
+def read_floor_truth(floor: Any) -> Callable[[int], FrameTruth]:
+    """Give frames in which nothing echoes but the points, each from the pixel that it was observed in."""
+    sonar, tracks = floor.sequence.sonar, floor.tracks
+    sonar_from_world = invert(floor.sequence.groundtruth.world_from_vehicle)
+    elevation_rad = project(transform(sonar_from_world[tracks.frame], floor.xyz_m[tracks.track]))[2]
+    row = np.minimum(sonar.row_at_range(tracks.range_m).astype(int), sonar.shape[0] - 1)
+    column = np.minimum(sonar.column_at_bearing(tracks.bearing_rad).astype(int), sonar.shape[1] - 1)
+
+    def read_truth(index: int) -> FrameTruth:
+        here, image = tracks.frame == index, np.full(sonar.shape, np.nan)
+        image[row[here], column[here]] = elevation_rad[here]
+        return FrameTruth(image, np.zeros(sonar.shape, np.float32))
+
+    return read_truth
+
+
+def test_landmarks_are_held_against_their_true_points() -> None:
+    """Landmarks moved by known distances, in the true world and in one of their own."""
+    judge, floor = load("benchmark_honesty").judge_landmarks, make_floor()
+    read_truth, sequence, tracks = read_floor_truth(floor), floor.sequence, floor.tracks
+    poses, every = sequence.groundtruth.world_from_vehicle, np.arange(tracks.count)
+    landmarks = Landmarks(
+        track=every,
+        xyz_m=floor.xyz_m + np.where(every % 4 == 0, 0.5, 0.02)[:, None] * [0, 0, 1],
+        covariance_m2=np.tile(0.01 * np.eye(3), (len(every), 1, 1)),
+        sigma_m=np.full(len(every), 0.1),
+        views=np.bincount(tracks.track),
+        well_constrained=every % 2 == 0,
+        arc_m=np.zeros((len(every), 1, 3)),
+    )
+    trajectory = Trajectory(sequence.timestamps_s, poses)
+    result = Reconstruction(trajectory, tracks, np.ones(len(tracks), bool), landmarks, ())
+    quality = judge(result, sequence, read_truth, False)
+    assert (quality.share, quality.judged) == (np.mean(every % 2 == 0), np.sum(every % 2 == 0))
+    assert quality.near == pytest.approx(0.5, abs=0.06) and 0.01 < quality.error_m < 0.55
+
+    elsewhere = np.linalg.inv(poses[0])
+    own_world = replace(landmarks, xyz_m=transform(elsewhere, landmarks.xyz_m))
+    moved = replace(result, trajectory=replace(trajectory, world_from_vehicle=elsewhere @ poses), landmarks=own_world)
+    assert judge(moved, sequence, read_truth, True).error_m == pytest.approx(quality.error_m, rel=1e-6)
+    assert judge(moved, sequence, read_truth, False).near == 0
+
+    nothing = replace(result, landmarks=replace(landmarks, well_constrained=np.zeros(len(every), bool)))
+    quality = judge(nothing, sequence, read_truth, False)
+    assert (quality.share, quality.judged, quality.near, quality.error_m) == (0, 0, None, None)
+
+
+@pytest.mark.parametrize(
+    ("warning", "says"),
+    [
+        ("from frame 12 on the trajectory is not to be trusted: 3 landmarks", True),
+        ("the trajectory cannot be trusted between frames 3-9 and later", True),
+        ("frames 3-9 are held by the last pose", False),
+        ("do not trust the weather", False),
+    ],
+)
+def test_distrust_names_a_frame(warning: str, says: bool) -> None:
+    assert bool(load("benchmark_accuracy").DISTRUST.search(warning)) is says
+
+
+def test_the_table_judges_means_and_worst_cases() -> None:
+    table, accuracy, sequences = (load(f"benchmark_{name}") for name in ("backend", "accuracy", "sequences"))
+    task = table.Task(sequences.Case("pier", "didson", 0, 8), ("odometry",))
+    make: Callable[..., Any] = accuracy.Accuracy
+    runs = [(task, make(f"run{n}", "odometry", ate_m=ate, odometry_ate_m=1.0)) for n, ate in enumerate([0.3, 1.1])]
+    runs.append((task, make("lost", "sonar", ate_m=0.2, path_m=1.0)))
+    runs.append((task, make("knows", "sonar", ate_m=0.3, path_m=1.0, distrusted=True)))
+    runs.append((task, make("broken", "odometry", failure="ValueError: no")))
+    numbers = {number.what: number for number in table.list_backend_numbers(runs)}
+    assert numbers["runs that failed"].ok is False
+    mean, worst = numbers["odometry, ATE / odometry, mean of 2"], numbers["odometry, ATE / odometry, worst: run1"]
+    assert (mean.reached, mean.ok, worst.reached, worst.ok) == (pytest.approx(0.7), True, 1.1, False)
+    told = numbers["sonar alone, ATE above 10 % of the path: share that says so, of 2"]
+    assert (told.reached, told.ok) == (0.5, False)
+    assert numbers["sonar, ATE / path, mean of 2"].reached == pytest.approx(0.25)
+    assert "failed: ValueError: no" in table.describe_accuracy(runs[-1][1])
+    both = table.Number("NEES", 1.5, at_least=0.5, at_most=1.2)
+    assert both.ok is False and both.cells()[1] == "0.5 to 1.2"
+
+
+def test_sequences_are_simulated_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sequences = load("benchmark_sequences")
+    usual, fast = sequences.Case("seafloor", "didson", 1, 1), sequences.list_narrow_cases(1, 1)[0]
+    assert len({case.name for case in (usual, fast, sequences.Case("seafloor", "didson", 2, 1))}) == 3
+    folder = sequences.provide_sequence(fast, tmp_path)
+    monkeypatch.setattr(sequences, "simulate", None)
+    assert sequences.provide_sequence(fast, tmp_path) == folder
+    slow_m, fast_m = (_move(sequences, replace(fast, haste=haste)) for haste in (1.0, sequences.HASTE))
+    np.testing.assert_allclose(fast_m[1] - fast_m[0], slow_m[int(sequences.HASTE)] - slow_m[0], atol=1e-6)
+
+
+def _move(sequences: ModuleType, case: Any) -> FloatArray:
+    """(N, 3) where the path is, beside its creeping ahead, which goes about the middle of the sequence."""
+    poses: FloatArray = sequences._hurry(replace(case, frames=9)).world_from_vehicle
+    return poses[:, :3, 3] - poses[:1, :3, 3]
+
+
+def test_every_line_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One scene before one sonar, in all modes; the narrow one; a recording; and what goes wrong."""
+    main = load("benchmark").main
+    few = ["--frames", "5", "--seeds", "1", "--cache", str(tmp_path), "--set", "backend.rounds=1"]
+    command = ["backend", "--scenes", "tank", "--sonars", "didson", *few]
+    assert main(command) == 1, "five frames do not reach everything"
+    lines = capsys.readouterr().out.splitlines()
+    runs, table = lines[: lines.index("")], lines[lines.index("") + 1 :]
+    assert [line.split(":")[0].split(", ")[-1] for line in runs] == ["navigation", "odometry", "sonar", "sonar"]
+    assert all(line.count("ATE ") == 1 for line in runs) and sum("of the bound" in line for line in runs) >= 2
+    for title in ("navigation, ATE / bound, mean of 1", "navigation, NEES a degree of freedom, position, mean of 1"):
+        assert sum(line.startswith(title) for line in table) == 1, title
+    assert any(line.startswith("narrow sonar alone, ATE / path, worst: seafloor-didson-4x") for line in table)
+    assert main([*command, "--modes", "odometry", "--jobs", "2", "--no-bound"]) == 1
+    alone = capsys.readouterr().out.splitlines()[0]
+    assert alone.split("; ")[:2] == runs[1].split("; ")[:2], "the same in a process of its own"
+    assert main(["backend", "--scenes", "nowhere", *few]) == 1
+    assert "nowhere" in capsys.readouterr().err

@@ -1,0 +1,96 @@
+"""Whether a run's own sigmas are true: poses and landmarks against the truth, for ``benchmark.py``."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+
+from asfm.backend.problem import FIRST_POSE
+from asfm.backend.solution import Solution
+from asfm.evaluation.trajectory import align_se3
+from asfm.evaluation.true_points import find_true_points
+from asfm.poses import interpolate, invert, transform
+from asfm.sequence import Sequence
+from asfm.types import FloatArray, FrameTruth, Reconstruction
+
+FEWEST_NEAR = 2
+"""Observations that must agree on a point before it counts as the true one of their track."""
+SIGMAS = 3.0
+
+
+@dataclass(frozen=True)
+class LandmarkQuality:
+    """What truth says of the landmarks that a run calls well constrained."""
+
+    share: float
+    """Of all tracks, so many are called well constrained."""
+    judged: int
+    """Those of them whose true point is known."""
+    near: float | None
+    """Share of the judged ones that lie within three of their own sigmas of the truth; None without any."""
+    error_m: float | None
+    """Median distance of the judged ones from the truth; None without any."""
+
+
+def true_poses(sequence: Sequence) -> FloatArray:
+    """Give the true world_from_vehicle (N, 4, 4) at the frames' stamps."""
+    assert sequence.groundtruth is not None, "every sequence of the benchmark knows its true poses"
+    return interpolate(
+        sequence.groundtruth.timestamps_s, sequence.groundtruth.world_from_vehicle, sequence.timestamps_s
+    )
+
+
+def measure_nees(solution: Solution, truth: FloatArray) -> tuple[float, float] | None:
+    """Set the errors of position and attitude over their covariances: e' C^-1 e / 3, mean over frames.
+
+    Errors are taken in the tangent space at the estimate (GTSAM's: rotation first, then translation, vehicle's frame).
+    The first pose is left out: it is held to the start of the odometry, which is the truth's.
+
+    Args:
+        solution: its graph gives the covariances.
+        truth: (N, 4, 4) true poses in the same world.
+
+    Returns:
+        position's and attitude's, both 1 where covariances are true; None where the graph cannot be factorised.
+    """
+    bundle = solution.bundle
+    squares = []
+    try:
+        marginals = gtsam.Marginals(bundle.graph, bundle.values)
+        for frame in range(1, len(truth)):
+            covariance = marginals.marginalCovariance(FIRST_POSE + frame)
+            error = gtsam.Pose3(bundle.world_from_vehicle[frame]).localCoordinates(gtsam.Pose3(truth[frame]))
+            squares.append([_normalise(error[part], covariance[part, part]) for part in (slice(3, 6), slice(0, 3))])
+    except RuntimeError:
+        return None
+    position, attitude = np.mean(squares, axis=0) / 3
+    return float(position), float(attitude)
+
+
+def _normalise(error: FloatArray, covariance: FloatArray) -> float:
+    return float(error @ np.linalg.solve(covariance, error))
+
+
+def judge_landmarks(
+    result: Reconstruction, sequence: Sequence, read_truth: Callable[[int], FrameTruth], aligned: bool
+) -> LandmarkQuality:
+    """Hold the landmarks that are called well constrained against the true points of their tracks.
+
+    Args:
+        aligned: the run has a world of its own, which is aligned to the true one by the poses (SE(3), scale off).
+    """
+    poses, landmarks = true_poses(sequence), result.landmarks
+    truth = find_true_points(result.tracks, sequence.sonar, invert(poses @ sequence.vehicle_from_sonar), read_truth)
+    agreed = np.bincount(result.tracks.track, truth.near, minlength=result.tracks.count) >= FEWEST_NEAR
+    true_from_estimate = align_se3(result.trajectory.world_from_vehicle, poses) if aligned else np.eye(4)
+    judged = landmarks.well_constrained & (truth.known & agreed)[landmarks.track]
+    error_m = np.linalg.norm(
+        transform(true_from_estimate, landmarks.xyz_m[judged]) - truth.xyz_m[landmarks.track[judged]], axis=1
+    )
+    return LandmarkQuality(
+        share=float(landmarks.well_constrained.sum()) / max(result.tracks.count, 1),
+        judged=int(judged.sum()),
+        near=float(np.mean(error_m <= SIGMAS * landmarks.sigma_m[judged])) if judged.any() else None,
+        error_m=float(np.median(error_m)) if judged.any() else None,
+    )
