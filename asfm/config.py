@@ -160,6 +160,9 @@ class BackendConfig(Section):
     """A landmark seen more often keeps the observations that inform most."""
     track_correlation: float = Field(default=1.0, ge=0, le=1)
     """Correlation of the errors of one track's observations: features slide along edges in step."""
+    elevation_correlation: float = Field(default=0.3, ge=0, le=1)
+    """The same for what tells a landmark's elevation, which is how range and bearing change: errors in common cancel.
+    The sigmas of landmarks are stated with this one."""
     motion_prior_factor: float = Field(default=1.5, gt=0)
     """Without odometry: sigma of a step, over the typical step of the planar motions."""
     well_constrained_share: float = Field(default=0.4, gt=0)

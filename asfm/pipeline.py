@@ -5,10 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from asfm.backend.landmarks import describe_landmarks
+from asfm.backend.observability import SPAN, describe_reliability
 from asfm.backend.repeats import drop_repeats
 from asfm.backend.solution import Solution, solve_tracks
 from asfm.backend.start import Start, check_start, mend_start, start_from_odometry, start_from_tracks
 from asfm.backend.support import describe_support
+from asfm.backend.uncertainty import measure_uncertainty
 from asfm.backend.witness import list_sightings
 from asfm.config import Config
 from asfm.frontend.alignment import align_matches
@@ -171,14 +173,20 @@ def conclude(
 ) -> Reconstruction:
     """Describe the landmarks and say what the poses rest on."""
     with clock.stage("landmarks") as report:
-        landmarks = describe_landmarks(solution, sequence, config)
+        uncertainty = measure_uncertainty(solution.bundle, solution.relief, min(SPAN, len(sequence) - 1))
+        landmarks = describe_landmarks(solution, uncertainty.point_m2, sequence, config)
         report.counts = {"landmarks": len(landmarks), "well constrained": int(landmarks.well_constrained.sum())}
     return Reconstruction(
         trajectory=Trajectory(sequence.timestamps_s, solution.bundle.world_from_vehicle),
         tracks=solution.tracks,
         observed=solution.observed,
         landmarks=landmarks,
-        warnings=(*warnings, *describe_support(sequence, solution, config)),
+        pose_covariance=uncertainty.pose,
+        warnings=(
+            *warnings,
+            *describe_support(sequence, solution, config),
+            *describe_reliability(solution, uncertainty),
+        ),
     )
 
 

@@ -209,6 +209,8 @@ class Reconstruction:
     observed: BoolArray
     """(O,) the observations of the tracks that entered the final graph; the others contradicted their track's point."""
     landmarks: Landmarks
+    pose_covariance: FloatArray
+    """(N, 6, 6) marginal covariance of each pose: rotation in rad and translation in m, in the vehicle's frame."""
     warnings: tuple[str, ...]
     """One clear sentence each; empty when all went well."""
 

@@ -7,7 +7,6 @@ import numpy as np
 
 from asfm.backend.beam import (
     EDGE_RAD,
-    SMALLEST_RANGE_M,
     add_beam_knowledge,
     add_elevation_factors,
     bring_inside,
@@ -29,8 +28,6 @@ from asfm.types import BoolArray, FloatArray
 ITERATIONS_BETWEEN_CHECKS = 4
 """Steps of Levenberg-Marquardt before it is looked again which points have left the beam."""
 MAX_CHECKS = 15
-VAGUE_SHARES = (10.0, 1.0, 0.3)
-"""Sigmas of vague priors on points, over their distance: the vaguest with which GTSAM can factorise is taken."""
 PROXIMITY = 1.0
 """How far a point's elevation moves between two checks, over half the aperture: elevations that nothing tells would
 leave the beam in one step."""
@@ -49,6 +46,8 @@ class Bundle:
     graph: gtsam.NonlinearFactorGraph
     """What the covariances follow from: the measurements, and once a point that it lies in the beam. The pulls that
     held points inside during the optimisation are left out: a bound met many times is not many measurements."""
+    measured: gtsam.NonlinearFactorGraph
+    """The measurements alone."""
     values: gtsam.Values
 
 
@@ -91,33 +90,9 @@ def adjust_bundle(
         cost = held.error(values)
         if check > 0 and abs(cost_before - cost) <= settled * cost:
             break
+    measured = graph.clone()
     add_beam_knowledge(graph, problem, poses, points)
-    return Bundle(poses, points, in_graph, graph, values)
-
-
-def landmark_covariances(bundle: Bundle) -> FloatArray:
-    """Give the marginal covariance of every point, (T, 3, 3) in m^2; infinite where the track has no factor."""
-    covariance = np.full((len(bundle.xyz_m), 3, 3), np.inf)
-    if bundle.in_graph.any():
-        marginals = _marginalise(bundle)
-        for index in np.flatnonzero(bundle.in_graph).tolist():
-            covariance[index] = marginals.marginalCovariance(FIRST_POINT + index)
-    return covariance
-
-
-def _marginalise(bundle: Bundle) -> gtsam.Marginals:
-    """Factorise the graph; where a still sonar leaves elevations too free for that, with vague priors on the points."""
-    reach_m = np.linalg.norm(bundle.xyz_m - bundle.world_from_vehicle[0, :3, 3], axis=1)
-    graph = bundle.graph
-    for vagueness in VAGUE_SHARES:
-        try:
-            return gtsam.Marginals(graph, bundle.values)
-        except RuntimeError:
-            graph = bundle.graph.clone()
-            for index in np.flatnonzero(bundle.in_graph).tolist():
-                noise = gtsam.noiseModel.Isotropic.Sigma(3, vagueness * max(float(reach_m[index]), SMALLEST_RANGE_M))
-                graph.add(gtsam.PriorFactorPoint3(FIRST_POINT + index, bundle.xyz_m[index], noise))
-    return gtsam.Marginals(graph, bundle.values)
+    return Bundle(poses, points, in_graph, graph, measured, values)
 
 
 def _add_sensor_factors(

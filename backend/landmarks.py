@@ -3,7 +3,6 @@
 import numpy as np
 
 from asfm.backend.beam import EDGE_RAD
-from asfm.backend.bundle import landmark_covariances
 from asfm.backend.solution import Solution
 from asfm.config import Config
 from asfm.poses import invert, transform
@@ -16,15 +15,21 @@ FADING_EDGES = 5
 """How many sigmas of the beam's edge a point may lie outside the aperture."""
 
 
-def describe_landmarks(solution: Solution, sequence: Sequence, config: Config) -> Landmarks:
+def describe_landmarks(solution: Solution, covariance_m2: FloatArray, sequence: Sequence, config: Config) -> Landmarks:
     """Give the landmarks of a solution with covariance, number of views and elevation arc.
 
     A landmark is well constrained when its largest sigma is a small share of half its elevation arc: the motion has
     told clearly more about the elevation than the beam itself does.
+
+    Args:
+        solution: poses and points.
+        covariance_m2: (T, 3, 3) of the points.
+        sequence: gives the sonar.
+        config: section ``backend``.
     """
     tracks = solution.tracks
     track = np.flatnonzero(solution.bundle.in_graph & ~_astray(solution, sequence))
-    covariance = landmark_covariances(solution.bundle)[track]
+    covariance = covariance_m2[track]
     sigma_m = np.sqrt(np.linalg.eigvalsh(covariance)[:, -1]) if len(track) else np.zeros(0)
     last = _last_observations(tracks, solution)[track]
     half_arc_m = tracks.range_m[last] * sequence.sonar.elevation_aperture_rad / 2

@@ -27,6 +27,10 @@ class Solution:
     observed: BoolArray
     """(O,) the observations that were used; the others contradicted their track's point."""
     bundle: Bundle
+    sensors: SensorConstraints
+    """What else held the poses."""
+    relief: FloatArray
+    """(T,) by how much more each track's observations tell of its elevation than the graph states."""
 
 
 def solve_tracks(
@@ -70,7 +74,15 @@ def solve_tracks(
         vehicle_from_sonar=sequence.vehicle_from_sonar,
         half_aperture_rad=gate.half_aperture_rad,
     )
-    return Solution(tracks, observed, adjust_bundle(problem, world_from_vehicle, found.xyz_m))
+    bundle = adjust_bundle(problem, world_from_vehicle, found.xyz_m)
+    return Solution(tracks, observed, bundle, sensors, _relieve(views, config))
+
+
+def _relieve(views: IntArray, config: Config) -> FloatArray:
+    """Compare (T,) variances: those of the graph with those that count for the elevation."""
+    others = np.maximum(views - 1, 0)
+    stated, elevation = config.backend.track_correlation, config.backend.elevation_correlation
+    return np.asarray((1 + stated * others) / (1 + min(elevation, stated) * others))
 
 
 def _correlation_factor(views: IntArray, config: Config) -> FloatArray:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from asfm.backend.solution import Solution
+from asfm.backend.stretches import name_stretches
 from asfm.config import Config
 from asfm.sequence import Sequence
 from asfm.types import BoolArray
@@ -21,7 +22,7 @@ def describe_support(sequence: Sequence, solution: Solution, config: Config) -> 
     stand_in = "odometry" if sequence.odometry is not None and config.backend.use_odometry else "the last pose"
     if loose.all():
         return (f"no two frames share {MIN_LINKS} landmarks: all {len(sequence)} poses are held by {stand_in}",)
-    stretches = ", ".join(_name_stretches(loose))
+    stretches = ", ".join(name_stretches(loose, last=1))
     return (
         f"{int(loose.sum())} of {len(loose)} steps are not supported by the sonar (fewer than {MIN_LINKS} shared "
         f"landmarks): the poses are held by {stand_in} between frames {stretches}",
@@ -41,11 +42,3 @@ def linked_steps(solution: Solution, frame_count: int) -> BoolArray:
     ends = np.append(begins[1:], len(track)) - 1
     change = np.bincount(frame[begins], minlength=frame_count) - np.bincount(frame[ends], minlength=frame_count)
     return np.asarray(np.cumsum(change)[:-1] >= MIN_LINKS)
-
-
-def _name_stretches(loose: BoolArray) -> list[str]:
-    """Name runs of loose steps by the frames they lie between: 3-5 means the steps from 3 to 5."""
-    edges = np.diff(np.concatenate([[0], loose.astype(int), [0]]))
-    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    names = [f"{start}-{stop}" for start, stop in zip(starts.tolist(), stops.tolist(), strict=True)]
-    return [*names[:8], f"and {len(names) - 8} more stretches"] if len(names) > 8 else names

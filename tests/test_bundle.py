@@ -8,9 +8,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from asfm.backend.beam import add_beam_knowledge
-from asfm.backend.bundle import Bundle, adjust_bundle, landmark_covariances
+from asfm.backend.bundle import Bundle, adjust_bundle
 from asfm.backend.problem import FIRST_POINT, BundleProblem
 from asfm.backend.sensors import SensorConstraints
+from asfm.backend.uncertainty import measure_uncertainty
 from asfm.poses import invert, make_pose, transform
 from asfm.sonar import SonarModel, back_project, project
 from asfm.types import FloatArray, Tracks
@@ -19,6 +20,10 @@ SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (500, 128), n
 SIGMA = np.array([0.01, 0.005])
 STEP_SIGMA = np.array([0.003, 0.02])
 LEVER_ARM = make_pose(np.array([0.4, -0.1, -0.2]), Rotation.from_euler("ZYX", [0.1, 0.2, 0.0]))
+
+
+def landmark_covariances(bundle: Bundle) -> FloatArray:
+    return measure_uncertainty(bundle, np.ones(len(bundle.xyz_m))).point_m2
 
 
 @dataclass(frozen=True)

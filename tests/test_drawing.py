@@ -263,7 +263,7 @@ def _run(count: int, good: int) -> tuple[Sequence, Reconstruction]:
     def unread(index: int) -> Frame:
         raise AssertionError("the summary reads no frame")
 
-    reconstruction = Reconstruction(trajectory, tracks, np.ones(count, bool), landmarks, ())
+    reconstruction = Reconstruction(trajectory, tracks, np.ones(count, bool), landmarks, np.zeros((0, 6, 6)), ())
     return Sequence("toy", SONAR, np.arange(3.0), unread), reconstruction
 
 

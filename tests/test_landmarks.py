@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from asfm.backend.landmarks import describe_landmarks
 from asfm.backend.sensors import sensor_constraints
 from asfm.backend.solution import Solution, solve_tracks
+from asfm.backend.uncertainty import measure_uncertainty
 from asfm.config import BackendConfig, Config
 from asfm.poses import invert, make_pose, transform
 from asfm.sequence import Sequence
@@ -37,6 +38,11 @@ def _points(seed: int, count: int = 40) -> FloatArray:
     return back_project(*spherical.T)
 
 
+def _describe_landmarks(solution: Solution, sequence: Sequence, config: Config) -> Landmarks:
+    covariance_m2 = measure_uncertainty(solution.bundle, solution.relief).point_m2
+    return describe_landmarks(solution, covariance_m2, sequence, config)
+
+
 def _describe(
     world_from_sonar: FloatArray, xyz_m: FloatArray, config: Config = INDEPENDENT
 ) -> tuple[Solution, Landmarks]:
@@ -53,7 +59,7 @@ def _describe(
         sequence, config.backend, poses, np.tile([0.002, 0.005], (len(poses) - 1, 1)), measured=True
     )
     solution = solve_tracks(tracks, sequence, poses, sensors, config)
-    return solution, describe_landmarks(solution, sequence, config)
+    return solution, _describe_landmarks(solution, sequence, config)
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +129,7 @@ def test_tracks_that_contradict_themselves_become_no_landmark() -> None:
         sequence, INDEPENDENT.backend, poses, np.tile([0.002, 0.005], (len(poses) - 1, 1)), measured=True
     )
     solution = solve_tracks(tracks, sequence, poses, sensors, INDEPENDENT)
-    landmarks = describe_landmarks(solution, sequence, INDEPENDENT)
+    landmarks = _describe_landmarks(solution, sequence, INDEPENDENT)
     assert np.mean(landmarks.track >= 10) > 0.9
     assert np.isin(np.arange(10, 30), landmarks.track).mean() > 0.9
 
@@ -134,7 +140,7 @@ def test_no_tracks_give_no_landmarks() -> None:
     sensors = sensor_constraints(sequence, INDEPENDENT.backend, poses, np.full((2, 2), 0.01), measured=True)
     nothing = Tracks(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
     solution = solve_tracks(nothing, sequence, poses, sensors, INDEPENDENT)
-    landmarks = describe_landmarks(solution, sequence, INDEPENDENT)
+    landmarks = _describe_landmarks(solution, sequence, INDEPENDENT)
     assert len(landmarks) == 0 and landmarks.covariance_m2.shape == (0, 3, 3) and landmarks.arc_m.shape[0] == 0
     np.testing.assert_allclose(solution.bundle.world_from_vehicle, poses, atol=1e-6)
 
@@ -149,5 +155,5 @@ def test_points_outside_their_beams_are_no_landmarks(
     xyz_m[astray] = place_m
     spoiled = replace(solution, bundle=replace(solution.bundle, xyz_m=xyz_m))
     sequence = Sequence("made up", SONAR, np.arange(10, dtype=np.float64), _no_frame, LEVER_ARM)
-    kept = describe_landmarks(spoiled, sequence, INDEPENDENT).track
+    kept = _describe_landmarks(spoiled, sequence, INDEPENDENT).track
     np.testing.assert_array_equal(kept, np.delete(landmarks.track, 3))

@@ -20,7 +20,12 @@ def _nothing() -> tuple[Frame, Keypoints, Sequence, Reconstruction]:
     landmarks = Landmarks(none, np.zeros((0, 3)), np.zeros((0, 3, 3)), few, none, none > 0, np.zeros((0, 15, 3)))
     trajectory = Trajectory(np.zeros(1), np.eye(4)[None])
     sequence = Sequence("toy", SONAR, trajectory.timestamps_s, lambda index: frame)
-    return frame, keypoints, sequence, Reconstruction(trajectory, Tracks(none, none, few, few), none > 0, landmarks, ())
+    return (
+        frame,
+        keypoints,
+        sequence,
+        Reconstruction(trajectory, Tracks(none, none, few, few), none > 0, landmarks, np.zeros((0, 6, 6)), ()),
+    )
 
 
 def test_null_recorder_takes_everything_and_does_nothing() -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from asfm.backend.bundle import Bundle
+from asfm.backend.sensors import SensorConstraints
 from asfm.backend.solution import Solution
 from asfm.backend.support import MIN_LINKS, describe_support, linked_steps
 from asfm.config import BackendConfig, Config
@@ -16,6 +17,7 @@ from asfm.types import BoolArray, Frame, Tracks, Trajectory
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (500, 128), np.deg2rad(20))
 NO_BUNDLE = cast(Bundle, None)
+NO_SENSORS = cast(SensorConstraints, None)
 """What the poses rest on is read from the tracks alone."""
 
 
@@ -34,7 +36,13 @@ def _solution(spans: list[list[int]], observed: BoolArray | None = None) -> Solu
     track = np.repeat(np.arange(len(spans)), [len(span) for span in spans])
     frame = np.array([index for span in spans for index in span], dtype=np.int64)
     tracks = Tracks(track, frame, np.ones(len(track)), np.zeros(len(track)))
-    return Solution(tracks, np.ones(len(track), dtype=bool) if observed is None else observed, NO_BUNDLE)
+    return Solution(
+        tracks,
+        np.ones(len(track), dtype=bool) if observed is None else observed,
+        NO_BUNDLE,
+        NO_SENSORS,
+        np.ones(len(track)),
+    )
 
 
 def _say(spans: list[list[int]], frame_count: int, odometry: bool = True) -> tuple[str, ...]:

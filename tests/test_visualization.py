@@ -98,7 +98,7 @@ def _reconstruction(sequence: Sequence) -> Reconstruction:
         np.arange(2 * 5 * 3, dtype=float).reshape(2, 5, 3),
     )
     trajectory, observed = Trajectory(sequence.timestamps_s, _poses(count)), np.ones(len(tracks), bool)
-    return Reconstruction(trajectory, tracks, observed, landmarks, ("a made-up warning.",))
+    return Reconstruction(trajectory, tracks, observed, landmarks, np.zeros((0, 6, 6)), ("a made-up warning.",))
 
 
 def _record(path: Path, sequence: Sequence, reconstruction: Reconstruction | None = None) -> None:
@@ -348,7 +348,7 @@ def _nothing(sequence: Sequence) -> Reconstruction:
     none, few = np.zeros(0, int), np.zeros(0)
     landmarks = Landmarks(none, np.zeros((0, 3)), np.zeros((0, 3, 3)), few, none, none > 0, np.zeros((0, 15, 3)))
     trajectory = Trajectory(sequence.timestamps_s, _poses(len(sequence)))
-    return Reconstruction(trajectory, Tracks(none, none, few, few), none > 0, landmarks, ())
+    return Reconstruction(trajectory, Tracks(none, none, few, few), none > 0, landmarks, np.zeros((0, 6, 6)), ())
 
 
 @pytest.mark.parametrize("count", [1, 3])
