@@ -106,7 +106,8 @@ def test_closing_a_loop_takes_the_drift_away() -> None:
 
     The height hangs on elevations, which hardly show in this motion: a loop does not tell it.
     """
-    at_end, all_over = [], []
+    at_end: list[list[float]] = []
+    all_over: list[list[float]] = []
     for seed in range(3):
         trip = make_round_trip(seed)
         before = trip.solution.bundle.world_from_vehicle
@@ -119,7 +120,7 @@ def test_closing_a_loop_takes_the_drift_away() -> None:
 
 def test_nothing_seen_again_moves_nothing() -> None:
     trip = make_round_trip(0)
-    nothing = Tracks(*(value[:0] for value in (trip.again.track, trip.again.frame)), np.zeros(0), np.zeros(0))
+    nothing = Tracks(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
     after = close_loops(trip.solution.bundle, nothing, SIGMA, np.eye(4), 0.0)
     assert after is trip.solution.bundle.world_from_vehicle
 

@@ -6,8 +6,9 @@ import gtsam
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from asfm.backend.bundle import FIRST_POINT, FIRST_POSE, Bundle
+from asfm.backend.bundle import Bundle
 from asfm.backend.factors import bearing_factor, range_factor, step_factor
+from asfm.backend.problem import FIRST_POINT, FIRST_POSE
 from asfm.backend.relative import joint_covariance, predict_sigma
 from asfm.poses import invert, make_pose, transform
 from asfm.sonar import back_project, project
