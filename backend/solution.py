@@ -27,6 +27,8 @@ class Solution:
     observed: BoolArray
     """(O,) the observations that were used; the others contradicted their track's point."""
     bundle: Bundle
+    problem: BundleProblem | None = None
+    """What the bundle was the answer to."""
 
 
 def solve_tracks(
@@ -70,7 +72,7 @@ def solve_tracks(
         vehicle_from_sonar=sequence.vehicle_from_sonar,
         half_aperture_rad=gate.half_aperture_rad,
     )
-    return Solution(tracks, observed, adjust_bundle(problem, world_from_vehicle, found.xyz_m))
+    return Solution(tracks, observed, adjust_bundle(problem, world_from_vehicle, found.xyz_m), problem)
 
 
 def _correlation_factor(views: IntArray, config: Config) -> FloatArray:
