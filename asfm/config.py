@@ -158,6 +158,10 @@ class BackendConfig(Section):
     """How often association and optimisation alternate."""
     max_views: int = Field(default=20, ge=3)
     """A landmark seen more often keeps the observations that inform most."""
+    estimate_lever_rotation: bool = False
+    """Estimate how the sonar is turned on its mounting, from what is given: takes some thirty adjustments more."""
+    estimate_range_bias: bool = False
+    """Estimate a constant that every range is too long or too short by: takes some ten adjustments more."""
     track_correlation: float = Field(default=1.0, ge=0, le=1)
     """Correlation of the errors of one track's observations: features slide along edges in step."""
     elevation_correlation: float = Field(default=0.3, ge=0, le=1)
@@ -184,10 +188,10 @@ class LoopsConfig(Section):
     """Pairs of a whole sequence that are matched, apart from the neighbours that support them."""
     min_likeness: float = Field(default=0.4, ge=0, le=1)
     """Frames whose contexts are less alike, 0 to 1, show different places."""
-    min_matches: int = Field(default=10, ge=4)
+    min_matches: int = Field(default=6, ge=4)
     """Fewest matches that agree on one motion."""
     max_log_alarms: float = Field(default=-6.0, le=0)
-    """Logarithm to base 10 of how many such agreements chance alone may make of a pair."""
+    """Logarithm to base 10 of how many such agreements chance alone may make of a pair that is sure by itself."""
     max_rivals: float = Field(default=0.5, gt=0, le=1)
     """Another motion that this share as many matches agree on makes a pair ambiguous."""
     min_coverage: float = Field(default=0.5, ge=0, le=1)

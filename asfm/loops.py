@@ -78,7 +78,7 @@ def find_loops(
     eyes = _Eyes(sequence, list(keypoints), {}, config)
     tracked = TrackedKeypoints(solution.tracks, keypoints, sequence.sonar, config.noise, solution.observed)
     judged = _judge_pairs(chosen, eyes, poses @ sequence.vehicle_from_sonar, tracked)
-    beside = _list_neighbours(search, judged, set(chosen), window)
+    beside = _list_neighbours(search, judged, window)
     judged += _judge_pairs(beside, eyes, poses @ sequence.vehicle_from_sonar, tracked)
     supported = _find_supported(judged, window)
     poses, loops = _close([verdict.matches for _, verdict in supported], eyes, solution, tracked)
@@ -111,16 +111,16 @@ def _judge_pair(pair: LoopPair, eyes: _Eyes, world_from_sonar: FloatArray, track
     return verify_loop(aligned, eyes.keypoints, sonar, predicted, tracked, config)
 
 
-def _list_neighbours(search: LoopSearch, judged: list[Judged], known: set[LoopPair], window: int) -> list[LoopPair]:
-    """List the pairs that may support the accepted ones that nothing supports yet."""
-    supported = {pair for pair, _ in _find_supported(judged, window)}
-    lonely = [pair for pair, verdict in judged if verdict.accepted and pair not in supported]
+def _list_neighbours(search: LoopSearch, judged: list[Judged], window: int) -> list[LoopPair]:
+    """List the pairs beside the sure ones that nothing supports yet."""
+    supported, known = {pair for pair, _ in _find_supported(judged, window)}, {pair for pair, _ in judged}
+    lonely = [pair for pair, verdict in judged if verdict.sure and pair not in supported]
     found = [other for pair in lonely for other in find_neighbours(search, pair)]
     return [pair for pair in dict.fromkeys(found) if pair not in known]
 
 
 def _find_supported(judged: list[Judged], window: int) -> list[Judged]:
-    """Give the accepted pairs that another one, close in both frames, agrees with."""
+    """Give the accepted pairs that another one, close in both frames, agrees with; one of the two is sure."""
     accepted = [(pair, verdict) for pair, verdict in judged if verdict.accepted]
     return [one for one in accepted if any(support_each_other(one[1], other[1], 2 * window) for other in accepted)]
 

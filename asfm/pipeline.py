@@ -1,9 +1,10 @@
 """Acoustic structure from motion from end to end, as the paper's block diagram."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from asfm.backend.calibration import Calibration, calibrate
 from asfm.backend.landmarks import describe_landmarks
 from asfm.backend.observability import SPAN, describe_reliability
 from asfm.backend.repeats import drop_repeats
@@ -64,7 +65,13 @@ def reconstruct(
     candidates, repeats = drop_repeats(keypoints, candidates, start_from_odometry(sequence, config))
     start = initialise(sequence, keypoints, candidates, config, clock)
     solution = optimise(sequence, keypoints, candidates, start, config, clock)
-    reconstruction = conclude(sequence, solution, config, clock, (*start.sensors.warnings, *repeats))
+    calibration = estimate_calibration(solution, config, clock)
+    if calibration.sigma.any():
+        sequence, keypoints, candidates = apply_calibration(calibration, sequence, keypoints, candidates)
+        start = replace(start, world_from_vehicle=solution.bundle.world_from_vehicle)
+        solution = optimise(sequence, keypoints, candidates, start, config, clock)
+    told = (*start.sensors.warnings, *repeats, *calibration.describe())
+    reconstruction = conclude(sequence, solution, config, clock, told)
     with clock.stage("record"):
         recorder.record_reconstruction(sequence, reconstruction)
     return Run(reconstruction, tuple(clock.reports))
@@ -166,6 +173,29 @@ def optimise(
                 loops = find_loops(sequence, keypoints, solution, config, report)
             poses, candidates = loops.world_from_vehicle, candidates + loops.matches
     return solution
+
+
+def estimate_calibration(solution: Solution, config: Config, clock: StageClock) -> Calibration:
+    """Estimate the lever arm's rotation and a range bias where the configuration asks for them."""
+    wanted = config.backend.estimate_lever_rotation or config.backend.estimate_range_bias
+    if not wanted or not solution.observed.any():
+        return Calibration(np.zeros(3), 0.0, np.zeros(4))
+    with clock.stage("calibration"):
+        bundle = solution.bundle
+        return calibrate(solution.problem, bundle.world_from_vehicle, bundle.xyz_m, config.backend)
+
+
+def apply_calibration(
+    calibration: Calibration, sequence: Sequence, keypoints: list[Keypoints], candidates: list[Matches]
+) -> tuple[Sequence, list[Keypoints], list[Matches]]:
+    """Correct the lever arm and every measured range."""
+    bias_m = calibration.range_bias_m
+    shift = np.array([bias_m, 0.0])
+    return (
+        replace(sequence, vehicle_from_sonar=calibration.correct_mounting(sequence.vehicle_from_sonar)),
+        [replace(frame, range_m=np.maximum(frame.range_m - bias_m, 1e-3)) for frame in keypoints],
+        [m if m.aligned is None else replace(m, aligned=m.aligned - shift) for m in candidates],
+    )
 
 
 def conclude(

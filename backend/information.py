@@ -39,7 +39,7 @@ def eliminate_points(bundle: Bundle) -> Information:
     information = (others.T @ others).tocsc()
     own = _take_blocks((points.T @ points).tocsr())
     mixed = (points.T @ others).tocsr()
-    follow = -(_lay_blocks(np.linalg.inv(own)) @ mixed)
+    follow = -(_lay_blocks(np.asarray(np.linalg.inv(own), dtype=float)) @ mixed)
     information = information + mixed.T @ follow
     floor = np.full(information.shape[0], LEAST_SHARE * np.median(information.diagonal()))
     information = (information + coo_matrix((floor, (np.arange(len(floor)),) * 2), shape=information.shape)).tocsc()
@@ -75,7 +75,7 @@ def _take_blocks(information: csr_matrix, share: float = LEAST_SHARE) -> FloatAr
         return np.zeros((0, 3, 3))
     rows, columns = _number_blocks(information.shape[0] // 3)
     blocks = np.asarray(information[rows, columns]).reshape(-1, 3, 3)
-    return blocks + share * np.trace(blocks, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    return np.asarray(blocks + share * np.trace(blocks, axis1=1, axis2=2)[:, None, None] * np.eye(3))
 
 
 def _lay_blocks(blocks: FloatArray) -> csr_matrix:

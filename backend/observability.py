@@ -29,7 +29,7 @@ def describe_reliability(solution: Solution, uncertainty: Uncertainty) -> tuple[
         return ()
     range_m = float(np.median(solution.tracks.range_m[used]))
     doubt = describe_doubt(uncertainty, solution.bundle.world_from_vehicle, range_m)
-    return (*describe_weakness(uncertainty, solution.sensors), *doubt)
+    return (*describe_weakness(uncertainty, solution.problem.sensors), *doubt)
 
 
 def describe_weakness(uncertainty: Uncertainty, sensors: SensorConstraints) -> tuple[str, ...]:

@@ -8,17 +8,13 @@ that are asked for.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix, csc_matrix
 from scipy.sparse.linalg import splu
 
 from asfm.backend.bundle import Bundle
-from asfm.backend.problem import FIRST_POINT, FIRST_POSE
+from asfm.backend.information import eliminate_points
 from asfm.poses import invert, transform
 from asfm.sonar import project
 from asfm.types import FloatArray, IntArray
-
-LEAST_SHARE = 1e-9
-"""Information that every direction is said to hold at least, over the typical one: still sonars leave some open."""
 
 
 @dataclass(frozen=True)
@@ -37,11 +33,11 @@ def joint_covariance(bundle: Bundle, frames: IntArray) -> FloatArray:
         bundle: an optimum; what its graph holds of other things than poses and points is eliminated as well.
         frames: (F,) indices.
     """
-    information, first_column = _pose_information(bundle)
-    columns = (first_column[frames][:, None] + np.arange(6)).ravel()
-    unit = np.zeros((information.shape[0], len(columns)))
+    information = eliminate_points(bundle)
+    columns = (information.first_column[frames][:, None] + np.arange(6)).ravel()
+    unit = np.zeros((information.poses.shape[0], len(columns)))
     unit[columns, np.arange(len(columns))] = 1.0
-    solved = splu(information).solve(unit)[columns]
+    solved = splu(information.poses).solve(unit)[columns]
     return np.asarray(solved.reshape(len(frames), 6, len(frames), 6).transpose(0, 2, 1, 3))
 
 
@@ -74,43 +70,6 @@ def predict_sigma(
     sigma = np.sqrt(np.maximum(np.einsum("abik,abij,abjk->abk", axes, both, axes, optimize=True), 0))
     range_m = np.maximum(project(seen)[0], 1e-9)
     return RelativeSigma(sigma[..., 0], sigma[..., 1] / range_m, sigma[..., 2] / range_m)
-
-
-def _pose_information(bundle: Bundle) -> tuple[csc_matrix, IntArray]:
-    """Eliminate the points: sparse information of all else, and the first column (N,) of each pose in it."""
-    linear = bundle.graph.linearize(bundle.values)
-    row, column, value = linear.sparseJacobian_()
-    keys = np.array(sorted(linear.keyVector()), dtype=np.int64)
-    zero = bundle.values.zeroVectors()
-    width = np.array([len(zero.at(int(key))) for key in keys])
-    start = np.concatenate([[0], np.cumsum(width)])
-    inside = column <= start[-1]  # the last column is the right-hand side
-    jacobian = coo_matrix(
-        (value[inside], (row[inside].astype(np.int64) - 1, column[inside].astype(np.int64) - 1)),
-        shape=(int(row.max()), int(start[-1])),
-    ).tocsc()
-    is_point = (keys >= FIRST_POINT) & (keys < FIRST_POINT + len(bundle.xyz_m))
-    of_points = np.repeat(is_point, width)
-    points, others = jacobian[:, of_points], jacobian[:, ~of_points]
-    information = (others.T @ others).tocsc()
-    if points.shape[1]:
-        mixed = (points.T @ others).tocsc()
-        information = information - mixed.T @ (_invert_points((points.T @ points).tocsr()) @ mixed)
-    floor = np.full(information.shape[0], LEAST_SHARE * np.median(information.diagonal()))
-    information = (information + coo_matrix((floor, (np.arange(len(floor)),) * 2), shape=information.shape)).tocsc()
-    first = start[np.searchsorted(keys, FIRST_POSE + np.arange(len(bundle.world_from_vehicle)))]
-    before = np.concatenate([[0], np.cumsum(of_points)])
-    return information, np.asarray(first - before[first], dtype=np.int64)
-
-
-def _invert_points(information: csc_matrix) -> csc_matrix:
-    """Invert the block diagonal of (3 P, 3 P) points, none of which shares a factor with another."""
-    count = information.shape[0] // 3
-    corner = 3 * np.arange(count)[:, None, None]
-    rows, columns = np.broadcast_arrays(corner + np.arange(3)[:, None], corner + np.arange(3))
-    blocks = np.asarray(information[rows.ravel(), columns.ravel()]).reshape(count, 3, 3)
-    blocks = blocks + LEAST_SHARE * np.trace(blocks, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-    return coo_matrix((np.linalg.inv(blocks).ravel(), (rows.ravel(), columns.ravel())), information.shape).tocsr()
 
 
 def _disturb(xyz_m: FloatArray) -> FloatArray:

@@ -27,8 +27,8 @@ class Solution:
     observed: BoolArray
     """(O,) the observations that were used; the others contradicted their track's point."""
     bundle: Bundle
-    sensors: SensorConstraints
-    """What else held the poses."""
+    problem: BundleProblem
+    """What the bundle was the answer to."""
     relief: FloatArray
     """(T,) by how much more each track's observations tell of its elevation than the graph states."""
 
@@ -75,7 +75,7 @@ def solve_tracks(
         half_aperture_rad=gate.half_aperture_rad,
     )
     bundle = adjust_bundle(problem, world_from_vehicle, found.xyz_m)
-    return Solution(tracks, observed, bundle, sensors, _relieve(views, config))
+    return Solution(tracks, observed, bundle, problem, _relieve(views, config))
 
 
 def _relieve(views: IntArray, config: Config) -> FloatArray:

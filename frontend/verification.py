@@ -24,6 +24,9 @@ from asfm.types import BoolArray, FloatArray, Keypoints, Matches
 
 RIVAL_FILTERS = ("mutual", "planar", "ssl")
 """What judges the matches of another motion: not the ratio, for in a scene that repeats itself no nearest is clear."""
+UNSURE = 1 / 3
+"""A pair that a sure one supports may have this share of the logarithm of false alarms: two thresholds, as edges have
+in images (Canny 1986)."""
 NEARBY = 8
 """A match is nearby when it is among so many keypoints nearest to one: as far as they lie apart themselves."""
 OF_DESCRIPTORS = ("mutual", "ratio")
@@ -42,6 +45,8 @@ class Verdict:
     """(2,) by which frame a's plane says that the prediction is wrong, in the mean over the matches."""
     tolerance_m: float
     """How surely that is known."""
+    sure: bool = False
+    """Whether the pair is beyond chance by itself; others need a sure one that supports them."""
 
     @property
     def accepted(self) -> bool:
@@ -83,7 +88,8 @@ def verify_loop(
         return _reject(matches, "matches")
     near = near_arcs(arcs, _pixels(b), config.matching.arc_gate * sigma)
     beside = _find_beside(matches, a, b, motion, _tolerance(b, sonar, config))
-    if log_false_alarms(tried, len(matches), beside) > settings.max_log_alarms:
+    alarms = log_false_alarms(tried, len(matches), beside)
+    if alarms > settings.max_log_alarms * UNSURE:
         return _reject(matches, "chance")
     if tracked.share_conflicts(matches) > settings.max_conflicts:
         return _reject(matches, "conflicts")
@@ -92,7 +98,8 @@ def verify_loop(
     if _count_rivals(matches, a, b, near & ~beside, sonar, config) > settings.max_rivals * len(matches):
         return _reject(matches, "rivals")
     shift_m = _disagree(matches, b, motion, predicted)
-    return Verdict(matches, "", shift_m, float(np.median(_tolerance(b, sonar, config)[matches.index[:, 1]])))
+    tolerance_m = float(np.median(_tolerance(b, sonar, config)[matches.index[:, 1]]))
+    return Verdict(matches, "", shift_m, tolerance_m, alarms <= settings.max_log_alarms)
 
 
 def log_false_alarms(tried: int, agree: int, beside: BoolArray) -> float:
@@ -116,11 +123,11 @@ def log_false_alarms(tried: int, agree: int, beside: BoolArray) -> float:
 
 
 def support_each_other(first: Verdict, second: Verdict, window: int) -> bool:
-    """Tell whether two pairs, close in both frames, say the same of the prediction's error."""
-    a = abs(first.matches.frame_a - second.matches.frame_a)
-    b = abs(first.matches.frame_b - second.matches.frame_b)
+    """Tell whether two pairs, close in both frames and one of them sure, say the same of the prediction's error."""
+    a, b = (abs(getattr(first.matches, name) - getattr(second.matches, name)) for name in ("frame_a", "frame_b"))
     apart_m = float(np.linalg.norm(first.shift_m - second.shift_m))
-    return a + b > 0 and max(a, b) <= window and apart_m <= 2 * max(first.tolerance_m, second.tolerance_m)
+    agree = apart_m <= 2 * max(first.tolerance_m, second.tolerance_m)
+    return (first.sure or second.sure) and a + b > 0 and max(a, b) <= window and agree
 
 
 def _reject(matches: Matches, reason: str) -> Verdict:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import cast
 
 import gtsam
 import numpy as np
@@ -12,7 +13,7 @@ from asfm.backend.bundle import Bundle
 from asfm.backend.closure import close_loops
 from asfm.backend.factors import bearing_factor, range_factor, step_factor
 from asfm.backend.loops import LoopPair, LoopSearch, choose_pairs, find_neighbours, search_loops
-from asfm.backend.problem import FIRST_POINT, FIRST_POSE
+from asfm.backend.problem import FIRST_POINT, FIRST_POSE, BundleProblem
 from asfm.backend.solution import Solution
 from asfm.config import BackendConfig, Config, LoopsConfig
 from asfm.pipeline import reconstruct
@@ -26,6 +27,7 @@ SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.6, 0.6), (600, 256), n
 SIGMA = np.array([0.02, 0.005])
 STEP_SIGMA = (0.01, 0.04)
 WINDOW = 8
+NO_PROBLEM = cast(BundleProblem, None)
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,12 @@ def make_round_trip(seed: int, count: int = 30) -> RoundTrip:
     back = (frame >= count - 5) & np.isin(2 * point, key)
     again = Tracks(partner[back], frame[back], tracks.range_m[back], tracks.bearing_rad[back])
     sequence = Sequence("round trip", SONAR, np.arange(count, dtype=float), _no_frame)
-    return RoundTrip(truth, Solution(tracks, np.ones(len(track), dtype=bool), bundle), sequence, again)
+    return RoundTrip(
+        truth,
+        Solution(tracks, np.ones(len(track), dtype=bool), bundle, NO_PROBLEM, np.ones(tracks.count)),
+        sequence,
+        again,
+    )
 
 
 def _adjust(tracks: Tracks, start: FloatArray, steps: FloatArray, xyz_m: FloatArray) -> Bundle:
@@ -90,7 +97,7 @@ def _adjust(tracks: Tracks, start: FloatArray, steps: FloatArray, xyz_m: FloatAr
     values = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
     poses = np.stack([values.atPose3(FIRST_POSE + index).matrix() for index in range(len(start))])
     points = np.stack([values.atPoint3(FIRST_POINT + index) for index in range(len(xyz_m))])
-    return Bundle(poses, points, np.ones(len(xyz_m), dtype=bool), graph, values)
+    return Bundle(poses, points, np.ones(len(xyz_m), dtype=bool), graph, graph, values)
 
 
 def _no_frame(index: int) -> Frame:
@@ -106,7 +113,8 @@ def test_closing_a_loop_takes_the_drift_away() -> None:
 
     The height hangs on elevations, which hardly show in this motion: a loop does not tell it.
     """
-    at_end, all_over = [], []
+    at_end: list[list[float]] = []
+    all_over: list[list[float]] = []
     for seed in range(3):
         trip = make_round_trip(seed)
         before = trip.solution.bundle.world_from_vehicle
@@ -119,7 +127,7 @@ def test_closing_a_loop_takes_the_drift_away() -> None:
 
 def test_nothing_seen_again_moves_nothing() -> None:
     trip = make_round_trip(0)
-    nothing = Tracks(*(value[:0] for value in (trip.again.track, trip.again.frame)), np.zeros(0), np.zeros(0))
+    nothing = Tracks(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
     after = close_loops(trip.solution.bundle, nothing, SIGMA, np.eye(4), 0.0)
     assert after is trip.solution.bundle.world_from_vehicle
 

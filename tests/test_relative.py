@@ -6,8 +6,9 @@ import gtsam
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from asfm.backend.bundle import FIRST_POINT, FIRST_POSE, Bundle
+from asfm.backend.bundle import Bundle
 from asfm.backend.factors import bearing_factor, range_factor, step_factor
+from asfm.backend.problem import FIRST_POINT, FIRST_POSE
 from asfm.backend.relative import joint_covariance, predict_sigma
 from asfm.poses import invert, make_pose, transform
 from asfm.sonar import back_project, project
@@ -40,7 +41,7 @@ def make_bundle() -> Bundle:
     for point in range(29):
         values.insert(FIRST_POINT + point, xyz_m[point])
         graph.add(gtsam.PriorFactorPoint3(FIRST_POINT + point, xyz_m[point], gtsam.noiseModel.Isotropic.Sigma(3, 0.5)))
-    return Bundle(poses, xyz_m, np.arange(30) < 29, graph, values)
+    return Bundle(poses, xyz_m, np.arange(30) < 29, graph, graph, values)
 
 
 def test_it_is_what_gtsam_says() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from asfm.backend.bundle import Bundle
-from asfm.backend.sensors import SensorConstraints
+from asfm.backend.problem import BundleProblem
 from asfm.backend.solution import Solution
 from asfm.backend.support import MIN_LINKS, describe_support, linked_steps
 from asfm.config import BackendConfig, Config
@@ -17,7 +17,7 @@ from asfm.types import BoolArray, Frame, Tracks, Trajectory
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (500, 128), np.deg2rad(20))
 NO_BUNDLE = cast(Bundle, None)
-NO_SENSORS = cast(SensorConstraints, None)
+NO_PROBLEM = cast(BundleProblem, None)
 """What the poses rest on is read from the tracks alone."""
 
 
@@ -40,7 +40,7 @@ def _solution(spans: list[list[int]], observed: BoolArray | None = None) -> Solu
         tracks,
         np.ones(len(track), dtype=bool) if observed is None else observed,
         NO_BUNDLE,
-        NO_SENSORS,
+        NO_PROBLEM,
         np.ones(len(track)),
     )
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, cast
 
 import gtsam
 import numpy as np
@@ -13,13 +13,14 @@ import pytest
 
 from asfm.backend.bundle import Bundle
 from asfm.backend.factors import bearing_factor, range_factor
-from asfm.backend.problem import FIRST_POSE
+from asfm.backend.problem import FIRST_POSE, BundleProblem
 from asfm.backend.solution import Solution
 from asfm.poses import invert, transform
 from asfm.sonar import project
 from asfm.types import FloatArray, FrameTruth, Landmarks, Reconstruction, Tracks, Trajectory
 
 TOOLS = Path(__file__).resolve().parents[1] / "tools"
+NO_PROBLEM = cast(BundleProblem, None)
 
 
 @pytest.fixture(autouse=True)
@@ -96,8 +97,8 @@ def make_solution(sigma: FloatArray, error: FloatArray, frames: int) -> tuple[So
     poses = np.stack([values.atPose3(FIRST_POSE + index).matrix() for index in range(frames)])
     nothing = np.zeros(0)
     tracks = Tracks(nothing.astype(int), nothing.astype(int), nothing, nothing)
-    bundle = Bundle(poses, np.zeros((0, 3)), np.zeros(0, dtype=bool), graph, values)
-    return Solution(tracks, np.zeros(0, dtype=bool), bundle), np.stack(truth)
+    bundle = Bundle(poses, np.zeros((0, 3)), np.zeros(0, dtype=bool), graph, graph, values)
+    return Solution(tracks, np.zeros(0, dtype=bool), bundle, NO_PROBLEM, np.zeros(0)), np.stack(truth)
 
 
 def test_nees_is_one_where_covariances_are_true() -> None:
@@ -158,7 +159,7 @@ def test_landmarks_are_held_against_their_true_points() -> None:
         arc_m=np.zeros((len(every), 1, 3)),
     )
     trajectory = Trajectory(sequence.timestamps_s, poses)
-    result = Reconstruction(trajectory, tracks, np.ones(len(tracks), bool), landmarks, ())
+    result = Reconstruction(trajectory, tracks, np.ones(len(tracks), bool), landmarks, np.zeros((0, 6, 6)), ())
     quality = judge(result, sequence, read_truth, False)
     assert (quality.share, quality.judged) == (np.mean(every % 2 == 0), np.sum(every % 2 == 0))
     assert quality.near == pytest.approx(0.5, abs=0.06) and 0.01 < quality.error_m < 0.55
@@ -207,21 +208,14 @@ def test_the_table_judges_means_and_worst_cases() -> None:
     assert both.ok is False and both.cells()[1] == "0.5 to 1.2"
 
 
-def test_sequences_are_simulated_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cases_differ_by_name_and_the_narrow_one_by_its_haste() -> None:
+    """The fast path is at every frame where the usual one is later, but for creeping ahead about its own middle."""
     sequences = load("benchmark_sequences")
-    usual, fast = sequences.Case("seafloor", "didson", 1, 1), sequences.list_narrow_cases(1, 1)[0]
-    assert len({case.name for case in (usual, fast, sequences.Case("seafloor", "didson", 2, 1))}) == 3
-    folder = sequences.provide_sequence(fast, tmp_path)
-    monkeypatch.setattr(sequences, "simulate", None)
-    assert sequences.provide_sequence(fast, tmp_path) == folder
-    slow_m, fast_m = (_move(sequences, replace(fast, haste=haste)) for haste in (1.0, sequences.HASTE))
-    np.testing.assert_allclose(fast_m[1] - fast_m[0], slow_m[int(sequences.HASTE)] - slow_m[0], atol=1e-6)
-
-
-def _move(sequences: ModuleType, case: Any) -> FloatArray:
-    """(N, 3) where the path is, beside its creeping ahead, which goes about the middle of the sequence."""
-    poses: FloatArray = sequences._hurry(replace(case, frames=9)).world_from_vehicle
-    return poses[:, :3, 3] - poses[:1, :3, 3]
+    usual, fast = sequences.Case("seafloor", "didson", 1, 9), sequences.list_narrow_cases(2, 9)[1]
+    assert len({case.name for case in (usual, fast, replace(usual, seed=2), replace(usual, frames=8))}) == 4
+    slow_m, fast_m = (sequences._hurry(case).world_from_vehicle[:, :3, 3] for case in (usual, fast))
+    later = int(sequences.HASTE)
+    np.testing.assert_allclose(fast_m[1] - fast_m[0], slow_m[later] - slow_m[0], atol=1e-6)
 
 
 def test_every_line_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -237,8 +231,10 @@ def test_every_line_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str
     for title in ("navigation, ATE / bound, mean of 1", "navigation, NEES a degree of freedom, position, mean of 1"):
         assert sum(line.startswith(title) for line in table) == 1, title
     assert any(line.startswith("narrow sonar alone, ATE / path, worst: seafloor-didson-4x") for line in table)
+    written = [path.stat().st_mtime_ns for path in sorted(tmp_path.glob("*/sequence.yaml"))]
     assert main([*command, "--modes", "odometry", "--jobs", "2", "--no-bound"]) == 1
     alone = capsys.readouterr().out.splitlines()[0]
     assert alone.split("; ")[:2] == runs[1].split("; ")[:2], "the same in a process of its own"
+    assert [path.stat().st_mtime_ns for path in sorted(tmp_path.glob("*/sequence.yaml"))] == written, "made once"
     assert main(["backend", "--scenes", "nowhere", *few]) == 1
     assert "nowhere" in capsys.readouterr().err

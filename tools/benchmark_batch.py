@@ -13,6 +13,7 @@ from benchmark_runs import ATE
 from asfm.backend.landmarks import describe_landmarks
 from asfm.backend.solution import solve_tracks
 from asfm.backend.start import start_from_odometry
+from asfm.backend.uncertainty import measure_uncertainty
 from asfm.config import Config
 from asfm.evaluation.summary import evaluate_sequence
 from asfm.stages import peak_memory_mb
@@ -50,7 +51,8 @@ def measure_batch(
         poses = solution.bundle.world_from_vehicle
         rounds_s.append(time.perf_counter() - begin_s)
     begin_s = time.perf_counter()
-    describe_landmarks(solution, floor.sequence, config)
+    uncertainty = measure_uncertainty(solution.bundle, solution.relief)
+    describe_landmarks(solution, uncertainty.point_m2, floor.sequence, config)
     landmarks_s = time.perf_counter() - begin_s
     ratio = evaluate_sequence(floor.sequence, Trajectory(floor.sequence.timestamps_s, poses)).row(ATE).ratio
     return Batch(len(floor.tracks), tuple(rounds_s), landmarks_s, peak_memory_mb(), ratio)
