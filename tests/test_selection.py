@@ -15,7 +15,7 @@ def make_tracks(lengths: list[int]) -> Tracks:
 
 
 def draw_sigma(tracks: Tracks, rng: np.random.Generator) -> FloatArray:
-    return rng.uniform(0.5, 2.0, (len(tracks), 1)) * np.array([0.01, 0.005])
+    return np.asarray(rng.uniform(0.5, 2.0, (len(tracks), 1)) * np.array([0.01, 0.005]))
 
 
 @settings(max_examples=50, deadline=None)
