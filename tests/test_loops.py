@@ -235,7 +235,7 @@ def _keypoint_of(trip: RoundTrip, frame: int) -> Keypoints:
 
 
 def test_sightings_are_of_the_other_sides_landmarks() -> None:
-    """A match of two tracks tells each side's frame of the other side's landmark; one of a single track tells nothing."""
+    """A match of two tracks tells each side's frame of the other side's landmark; one of a single track, nothing."""
     trip = make_round_trip(0)
     keypoints = [_keypoint_of(trip, frame) for frame in range(30)]
     tracks = trip.solution.tracks
