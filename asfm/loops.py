@@ -28,6 +28,8 @@ LATE = 1.0
 """Added to the cost of a loop's matches: tracks are built from the matches of the window first."""
 STANDS = 0.5
 """Share of a loop's matches that must lie near their arcs once all loops are closed."""
+UNANIMOUS = 0.8
+"""Share of the loops that must stand: where more contradict the others the scene repeats itself, and none is sure."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,7 @@ def find_loops(
         "pairs looked at": len(chosen) + len(beside),
         "loops": len(loops),
         "matches": sum(len(match) for match in loops),
-        **_count_reasons(judged, supported),
+        **_count_reasons(judged, supported, len(supported) - len(loops)),
     }
     return Closure(poses, [replace(match, cost=match.cost + LATE) for match in loops])
 
@@ -128,7 +130,10 @@ def _find_supported(judged: list[Judged], window: int) -> list[Judged]:
 def _close(
     loops: list[Matches], eyes: _Eyes, solution: Solution, tracked: TrackedKeypoints
 ) -> tuple[FloatArray, list[Matches]]:
-    """Close the loops, leave out those that the closed trajectory contradicts, and close the others again."""
+    """Close the loops, leave out those that the closed trajectory contradicts, and close the others again.
+
+    Where many contradict each other there is no telling which are right, and all are left out.
+    """
     poses, sequence, config = solution.bundle.world_from_vehicle, eyes.sequence, eyes.config
     correlation = config.backend.track_correlation
     sigma = difference_sigma(sequence.sonar, config.noise)
@@ -149,6 +154,8 @@ def _close(
         ]
         if all(stands):
             return closed, loops
+        if sum(stands) < UNANIMOUS * len(stands):
+            return poses, []
         loops = [match for match, fine in zip(loops, stands, strict=True) if fine]
     return poses, loops
 
@@ -169,8 +176,8 @@ def see_again(loops: list[Matches], tracked: TrackedKeypoints) -> Tracks:
     return Tracks(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2], table[:, 3])
 
 
-def _count_reasons(judged: list[Judged], supported: list[Judged]) -> dict[str, float]:
+def _count_reasons(judged: list[Judged], supported: list[Judged], contradicted: int) -> dict[str, float]:
     reasons = [verdict.reason for _, verdict in judged if not verdict.accepted]
-    counts: dict[str, float] = {f"rejected for {name}": reasons.count(name) for name in dict.fromkeys(reasons)}
     alone = len(judged) - len(reasons) - len(supported)
-    return {**counts, "rejected for standing alone": alone} if alone else counts
+    reasons += ["standing alone"] * alone + ["contradiction"] * contradicted
+    return {f"rejected for {name}": reasons.count(name) for name in dict.fromkeys(reasons)}

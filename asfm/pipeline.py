@@ -54,13 +54,15 @@ def reconstruct(
         config: every setting.
         recorder: shown each stage; nothing is shown without one.
         progress: told how far each stage is.
-        given: keypoints and matches computed elsewhere, which take the place of asfm's own.
+        given: keypoints and matches computed elsewhere, which take the place of asfm's own; no loops are added.
 
     Raises:
         AsfmError: a frame cannot be read.
     """
     recorder = recorder or NullRecorder()
     clock = StageClock(progress)
+    if given is not None:  # what somebody else's matches are worth shall show, and loops would be asfm's own
+        config = config.model_copy(update={"loops": config.loops.model_copy(update={"enabled": False})})
     keypoints, candidates = extract(sequence, config, recorder, clock, given)
     candidates, repeats = drop_repeats(keypoints, candidates, start_from_odometry(sequence, config))
     start = initialise(sequence, keypoints, candidates, config, clock)

@@ -26,6 +26,8 @@ DOUBTFUL = 0.75
 """From this many times on it is, too, where it is worse than no motion at all, or a usual fault explains it."""
 BETTER = 0.6
 """Another explanation counts when it leaves at most this share of the distance."""
+EQUAL = 1.15
+"""Explanations whose distances differ by less are equal."""
 WORSE = 1.25
 """Odometry is worse than no motion at all when it leaves this many times its distance."""
 AS_GOOD = 0.9
@@ -45,10 +47,11 @@ class Verdict:
 
     @property
     def likely(self) -> str | None:
-        """The fault without which odometry fits the images best, if it fits them well."""
+        """The fault without which odometry fits the images best, if it fits them well; of equals the commonest."""
         faults = {name: miss_m for name, miss_m in self.missed_m.items() if name not in (GIVEN, STILL, SHOWN)}
-        best = min(faults, key=lambda name: faults[name])
-        return best if faults[best] < BETTER * self.missed_m[GIVEN] else None
+        least_m = min(faults.values())
+        best = next(name for name, miss_m in faults.items() if miss_m <= EQUAL * least_m)
+        return best if least_m < BETTER * self.missed_m[GIVEN] else None
 
     @property
     def contradicted(self) -> bool:

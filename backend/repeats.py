@@ -38,12 +38,15 @@ def drop_repeats(
     repeats = find_repeats(keypoints)
     if start is None or not repeats.any():
         return candidates, ()
-    steps, sigma = start.sensors.steps[repeats[1:]], start.sensors.step_sigma[repeats[1:]]
+    steps, sigma = start.sensors.steps, start.sensors.step_sigma
     turn_rad = np.linalg.norm(Rotation.from_matrix(steps[:, :3, :3]).as_rotvec(), axis=1)
     shift_m = np.linalg.norm(steps[:, :3, 3], axis=1)
-    squares = float(np.sum((turn_rad / sigma[:, 0]) ** 2 + (shift_m / sigma[:, 1]) ** 2))
-    if squares < 6 * len(steps) + 3 * np.sqrt(12 * len(steps)):  # what noise alone makes: six degrees of freedom a step
+    squares = (turn_rad / sigma[:, 0]) ** 2 + (shift_m / sigma[:, 1]) ** 2
+    meanwhile = repeats[1:]
+    # noise alone makes six on average, as many as a step has degrees of freedom
+    if squares.sum() < 6 * len(steps) + 3 * np.sqrt(12 * len(steps)) or squares[meanwhile].mean() < 6:
         return candidates, ()
+    turn_rad, shift_m = turn_rad[meanwhile], shift_m[meanwhile]
     kept = [match for match in candidates if not (repeats[match.frame_a] or repeats[match.frame_b])]
     sentence = (
         f"{int(repeats.sum())} of {len(repeats)} frames ({name_frames(repeats)}) repeat the image before them while "

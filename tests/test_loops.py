@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from asfm import loops
 from asfm.backend.bundle import Bundle
 from asfm.backend.closure import close_loops
 from asfm.backend.factors import bearing_factor, range_factor, step_factor
@@ -16,12 +17,13 @@ from asfm.backend.loops import LoopPair, LoopSearch, choose_pairs, find_neighbou
 from asfm.backend.problem import FIRST_POINT, FIRST_POSE, BundleProblem
 from asfm.backend.solution import Solution
 from asfm.config import BackendConfig, Config, LoopsConfig
+from asfm.frontend.tracked import TrackedKeypoints
 from asfm.pipeline import reconstruct
 from asfm.poses import invert, make_pose, transform
 from asfm.sequence import Sequence
 from asfm.simulation.simulate import simulate
 from asfm.sonar import SonarModel, project
-from asfm.types import FloatArray, Frame, Tracks
+from asfm.types import FloatArray, Frame, Keypoints, Matches, Tracks
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.6, 0.6), (600, 256), np.deg2rad(20))
 SIGMA = np.array([0.02, 0.005])
@@ -202,3 +204,55 @@ def test_without_a_loop_nothing_changes(tank: Sequence) -> None:
     assert stage.counts["pairs looked at"] == stage.counts["loops"] == 0
     assert stage.wall_s < 1.0
     assert "loops" not in [stage.name for stage in without.stages]
+
+
+@pytest.mark.parametrize(("standing", "kept"), [(10, 10), (9, 9), (7, 0)])
+def test_loops_that_contradict_each_other_are_all_left_out(
+    standing: int, kept: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that the others outvote goes alone; where many disagree nobody tells who is right, and nothing moves."""
+    trip = make_round_trip(0)
+    index = np.zeros((1, 2), dtype=np.int64)
+    some = [Matches(number, number + 15, index, np.zeros(1)) for number in range(10)]
+    keypoints = [_keypoint_of(trip, frame) for frame in range(30)]
+    tracked = TrackedKeypoints(
+        trip.solution.tracks, keypoints, SONAR, Config().noise, np.ones(len(trip.solution.tracks), dtype=bool)
+    )
+    monkeypatch.setattr(loops, "close_loops", lambda bundle, *_: bundle.world_from_vehicle + 1e-3)
+    monkeypatch.setattr(loops, "share_near_arcs", lambda match, *_: float(match.frame_a < standing))
+    eyes = loops._Eyes(trip.sequence, keypoints, {}, Config())
+    poses, left = loops._close(some, eyes, trip.solution, tracked)
+    assert [match.frame_a for match in left] == list(range(kept))
+    assert np.array_equal(poses, trip.solution.bundle.world_from_vehicle) == (kept == 0)
+
+
+def _keypoint_of(trip: RoundTrip, frame: int) -> Keypoints:
+    """Give the keypoints behind the observations of a frame."""
+    tracks = trip.solution.tracks
+    seen = tracks.frame == frame
+    count = int(seen.sum())
+    return Keypoints(
+        np.zeros((count, 2)),
+        tracks.range_m[seen],
+        tracks.bearing_rad[seen],
+        np.ones(count),
+        np.zeros((count, 61), dtype=np.uint8),
+        np.zeros((0, 29, 29), dtype=np.float32),
+    )
+
+
+def test_sightings_are_of_the_other_sides_landmarks() -> None:
+    """A match of two tracks tells each side's frame of the other side's landmark; one of a single track, nothing."""
+    trip = make_round_trip(0)
+    keypoints = [_keypoint_of(trip, frame) for frame in range(30)]
+    tracks = trip.solution.tracks
+    tracked = TrackedKeypoints(tracks, keypoints, SONAR, Config().noise, np.ones(len(tracks), dtype=bool))
+    first, last = (tracks.track[tracks.frame == frame] for frame in (0, 29))
+    np.testing.assert_array_equal(tracked.find(29, np.arange(len(last))), last)
+    match = Matches(0, 29, np.array([[0, 0]]), np.zeros(1))
+    again = loops.see_again([match, match], tracked)
+    assert sorted(zip(again.track.tolist(), again.frame.tolist(), strict=True)) == sorted(
+        [(int(first[0]), 29), (int(last[0]), 0)]
+    )
+    same = np.argwhere(tracks.track[tracks.frame == 0][:, None] == tracks.track[tracks.frame == 1])[:1]
+    assert len(loops.see_again([Matches(0, 1, same, np.zeros(1))], tracked)) == 0
