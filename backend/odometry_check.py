@@ -98,7 +98,7 @@ def describe_verdict(verdict: Verdict, sigma: FloatArray) -> str:
     """Say in one sentence that the images contradict odometry, and how well its steps count as known from now on."""
     given_m, shown_m = verdict.missed_m[GIVEN], verdict.missed_m[SHOWN]
     likely = verdict.likely
-    seems = f" ({verdict.missed_m[likely]:.2g} m {likely}, so look there)" if likely else ""
+    seems = f", or {verdict.missed_m[likely]:.2g} m {likely}: so it is taken" if likely else ""
     return (
         f"odometry contradicts the images: over {verdict.pairs} pairs of frames points lie {given_m:.2g} m from where "
         f"its steps put them, {verdict.over_expected:.1f} times what noise makes, and {shown_m:.2g} m {SHOWN}{seems}; "

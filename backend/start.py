@@ -10,6 +10,7 @@ from asfm.backend.motion import chain_planar_motions
 from asfm.backend.navigation import Levels, read_levels
 from asfm.backend.odometry import read_odometry
 from asfm.backend.odometry_check import (
+    Verdict,
     describe_shift,
     describe_verdict,
     judge_odometry,
@@ -22,7 +23,7 @@ from asfm.backend.sensors import (
     navigation_at_frames,
     sensor_constraints,
 )
-from asfm.backend.witness import Sighting, agree_on_sightings
+from asfm.backend.witness import Sighting, agree_on_sightings, propose_faults
 from asfm.config import Config
 from asfm.poses import invert, make_pose
 from asfm.sequence import Sequence
@@ -30,6 +31,10 @@ from asfm.types import BoolArray, FloatArray, Tracks, Trajectory
 
 LEAST_STEP = (1e-3, 1e-3)
 """Floor of the motion prior's sigmas: rad, and metres per metre of range."""
+
+
+DOUBT = 2.0
+"""Sigmas of an odometry whose fault was undone, over those stated."""
 
 
 @dataclass(frozen=True)
@@ -69,12 +74,31 @@ def check_start(
     contradicted = verdict is not None and verdict.contradicted
     if not agreed or not (contradicted or shift):
         return Start(*settle_levels(poses, sensors, agreed, sequence), start.doubted)
+    if verdict is not None and contradicted and verdict.likely:
+        return _undo_fault(start, verdict, sequence)
     sigma = measure_disagreement(poses, agreed, sequence.vehicle_from_sonar)
     sentences = [describe_verdict(verdict, sigma)] if verdict is not None and contradicted else []
     if shift:
         sentences.append(describe_shift(shift * float(np.median(np.diff(sequence.timestamps_s))), sigma))
     sensors = replace(sensors, step_sigma=np.hypot(sensors.step_sigma, sigma), warnings=(*sensors.warnings, *sentences))
     return Start(poses, sensors, np.ones(len(start.doubted), dtype=bool))
+
+
+def _undo_fault(start: Start, verdict: Verdict, sequence: Sequence) -> Start:
+    """Take odometry as it would be without the fault that explains the images, and believe it half as much."""
+    sensors, lever = start.sensors, sequence.vehicle_from_sonar
+    undone = propose_faults(start.world_from_vehicle, lever)[str(verdict.likely)]
+    levels = Levels(sensors.z_roll_pitch, sensors.z_roll_pitch_sigma)
+    undone, _ = place_at_levels(undone, levels, sequence.noise, np.ones(3, dtype=bool))
+    sigma = DOUBT * sensors.step_sigma
+    sensors = replace(
+        sensors,
+        first_pose=undone[0],
+        steps=invert(undone[:-1]) @ undone[1:],
+        step_sigma=sigma,
+        warnings=(*sensors.warnings, describe_verdict(verdict, np.median(sigma, axis=0))),
+    )
+    return Start(undone, sensors, start.doubted)
 
 
 def mend_start(start: Start, sequence: Sequence, tracks: Tracks, rng: np.random.Generator) -> Start:

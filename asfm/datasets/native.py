@@ -137,7 +137,7 @@ def check_coverage(path: Path, timestamps_s: FloatArray, frames_s: FloatArray) -
     spans = f"{start:.3f} to {end:.3f} s, the frames run from {frames_s[0]:.3f} to {frames_s[-1]:.3f} s"
     if outside.all() and (end < frames_s[0] or start > frames_s[-1]):
         raise AsfmError(f"{path}: it covers {spans}: no common time; correct the stamps or remove the file")
-    return [f"{path.name} covers {spans}: {outside.sum()} of {len(frames_s)} frames take its nearest reading"]
+    return [f"{path.name} covers {spans}: {outside.sum()} of {len(frames_s)} frames lie outside"]
 
 
 def _locate_frames(folder: Path, settings: SonarSettings) -> tuple[NativeFrames, SonarModel]:
