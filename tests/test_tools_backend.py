@@ -208,18 +208,24 @@ def test_the_table_judges_means_and_worst_cases() -> None:
     assert both.ok is False and both.cells()[1] == "0.5 to 1.2"
 
 
-def test_cases_differ_by_name_and_the_narrow_one_by_its_haste() -> None:
-    """The fast path is at every frame where the usual one is later, but for creeping ahead about its own middle."""
+def test_cases_differ_by_name_and_the_narrow_ones_by_their_haste() -> None:
+    """A fast path is at every frame where the usual one is later, but for where the middle of the sequence is."""
     sequences = load("benchmark_sequences")
-    usual, fast = sequences.Case("seafloor", "didson", 1, 9), sequences.list_narrow_cases(2, 9)[1]
-    assert len({case.name for case in (usual, fast, replace(usual, seed=2), replace(usual, frames=8))}) == 4
-    slow_m, fast_m = (sequences._hurry(case).world_from_vehicle[:, :3, 3] for case in (usual, fast))
-    later = int(sequences.HASTE)
-    np.testing.assert_allclose(fast_m[1] - fast_m[0], slow_m[later] - slow_m[0], atol=1e-6)
+    usual = sequences.Case("seafloor", "didson", 1, 13, "transect")
+    narrow = sequences.list_narrow_cases(2, 13)
+    others = [usual, replace(usual, seed=2), replace(usual, frames=8), replace(usual, motion="")]
+    assert len({case.name for case in (*narrow, *others)}) == 2 * len(sequences.HASTES) + 4
+    slow_m = sequences._hurry(usual).world_from_vehicle[:, :3, 3]
+    for case in narrow[1::2]:
+        fast_m = sequences._hurry(case).world_from_vehicle[:, :3, 3]
+        np.testing.assert_allclose(fast_m[1] - fast_m[0], slow_m[int(case.haste)] - slow_m[0], atol=1e-6)
 
 
-def test_every_line_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """One scene before one sonar, in all modes; the narrow one; a recording; and what goes wrong."""
+def test_every_line_is_printed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One scene before one sonar, in all modes; the narrow one; and what goes wrong."""
+    monkeypatch.setattr(load("benchmark_sequences"), "HASTES", (4.0,))
     main = load("benchmark").main
     few = ["--frames", "5", "--seeds", "1", "--cache", str(tmp_path), "--set", "backend.rounds=1"]
     command = ["backend", "--scenes", "tank", "--sonars", "didson", *few]
@@ -230,7 +236,7 @@ def test_every_line_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert all(line.count("ATE ") == 1 for line in runs) and sum("of the bound" in line for line in runs) >= 2
     for title in ("navigation, ATE / bound, mean of 1", "navigation, NEES a degree of freedom, position, mean of 1"):
         assert sum(line.startswith(title) for line in table) == 1, title
-    assert any(line.startswith("narrow sonar alone, ATE / path, worst: seafloor-didson-4x") for line in table)
+    assert any(line.startswith("narrow sonar alone, ATE / path, worst: seafloor-didson-transect-4x") for line in table)
     written = [path.stat().st_mtime_ns for path in sorted(tmp_path.glob("*/sequence.yaml"))]
     assert main([*command, "--modes", "odometry", "--jobs", "2", "--no-bound"]) == 1
     alone = capsys.readouterr().out.splitlines()[0]

@@ -15,10 +15,11 @@ from asfm.types import Trajectory
 SEEN = ("seafloor", "pier", "hull")
 SONARS = ("oculus_m750d_high", "oculus_m750d_low")
 """70 and 130 degrees of beams."""
-NARROW = ("seafloor", "didson")
-"""Scene and sonar of the runs whose frames overlap too little: 96 beams over 29 degrees."""
-HASTE = 4.0
-"""How many times as fast as usual the narrow sonar sways."""
+NARROW, NARROW_MOTION = ("seafloor", "didson"), "transect"
+"""Scene, sonar and motion of the runs whose frames overlap too little: 96 beams over 29 degrees, swaying sideways."""
+HASTES = (4.0, 8.0, 12.0)
+"""How many times as fast as usual that goes: the first is followed well, the second partly, the third is lost. On the
+spot, a lost run would look good: a sway goes a long way and never far."""
 
 
 @dataclass(frozen=True)
@@ -29,14 +30,17 @@ class Case:
     sonar: str
     seed: int
     frames: int
+    motion: str = ""
+    """The scene's usual one without a name."""
     haste: float = 1.0
-    """How many times as fast as the scene's usual motion."""
+    """How many times as fast as the motion usually is."""
 
     @property
     def name(self) -> str:
         """Name of the sequence's folder; different cases have different ones."""
-        fast = "" if self.haste == 1 else f"-{self.haste:g}x"
-        return f"{self.scene}-{self.sonar}{fast}-{self.frames}f-seed{self.seed}"
+        motion = f"-{self.motion}" if self.motion else ""
+        haste = "" if self.haste == 1 else f"-{self.haste:g}x"
+        return f"{self.scene}-{self.sonar}{motion}{haste}-{self.frames}f-seed{self.seed}"
 
 
 def list_cases(scenes: Iterable[str], sonars: Iterable[str], seeds: int, frames: int) -> list[Case]:
@@ -46,8 +50,8 @@ def list_cases(scenes: Iterable[str], sonars: Iterable[str], seeds: int, frames:
 
 
 def list_narrow_cases(seeds: int, frames: int) -> list[Case]:
-    """List the narrow sonar that sways fast, with each of the seeds 0..seeds-1."""
-    return [Case(*NARROW, seed, frames, HASTE) for seed in range(seeds)]
+    """List the narrow sonar at each of its hastes with each of the seeds 0..seeds-1."""
+    return [Case(*NARROW, seed, frames, NARROW_MOTION, haste) for haste in HASTES for seed in range(seeds)]
 
 
 def provide_sequence(case: Case, cache: Path) -> Path:
@@ -60,7 +64,7 @@ def provide_sequence(case: Case, cache: Path) -> Path:
     """
     folder = cache / case.name
     if not folder.exists():
-        path = None if case.haste == 1 else _hurry(case)
+        path = (case.motion or None) if case.haste == 1 else _hurry(case)
         simulated = simulate(case.scene, case.sonar, case.frames, case.seed, path)
         cache.mkdir(parents=True, exist_ok=True)
         write_native(folder, simulated.sequence, truth=simulated.read_truth)
@@ -68,9 +72,9 @@ def provide_sequence(case: Case, cache: Path) -> Path:
 
 
 def _hurry(case: Case) -> Trajectory:
-    """Take the scene's usual motion several times as fast."""
+    """Take the motion several times as fast."""
     sonar, recipe = find_sonar(case.sonar).sonar, SCENES[case.scene]
     stamps_s = np.arange(case.frames) / sonar.rate_hz
     view = recipe.look(sonar.range_max)
-    poses = find_motion(recipe.motion)(view, case.haste * stamps_s, np.random.default_rng(case.seed))
+    poses = find_motion(case.motion or recipe.motion)(view, case.haste * stamps_s, np.random.default_rng(case.seed))
     return Trajectory(stamps_s, poses)
