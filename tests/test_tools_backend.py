@@ -161,18 +161,22 @@ def test_landmarks_are_held_against_their_true_points() -> None:
     trajectory = Trajectory(sequence.timestamps_s, poses)
     result = Reconstruction(trajectory, tracks, np.ones(len(tracks), bool), landmarks, np.zeros((0, 6, 6)), ())
     quality = judge(result, sequence, read_truth, False)
-    assert (quality.share, quality.judged) == (np.mean(every % 2 == 0), np.sum(every % 2 == 0))
-    assert quality.near == pytest.approx(0.5, abs=0.06) and 0.01 < quality.error_m < 0.55
+    assert (
+        (quality.tracks, quality.called) == (len(every), len(quality.error_m)) == (len(every), np.sum(every % 2 == 0))
+    )
+    assert quality.near == pytest.approx(0.5, abs=0.06) and 0.01 < quality.median_m < 0.55
 
     elsewhere = np.linalg.inv(poses[0])
     own_world = replace(landmarks, xyz_m=transform(elsewhere, landmarks.xyz_m))
     moved = replace(result, trajectory=replace(trajectory, world_from_vehicle=elsewhere @ poses), landmarks=own_world)
-    assert judge(moved, sequence, read_truth, True).error_m == pytest.approx(quality.error_m, rel=1e-6)
+    assert judge(moved, sequence, read_truth, True).median_m == pytest.approx(quality.median_m, rel=1e-6)
     assert judge(moved, sequence, read_truth, False).near == 0
 
     nothing = replace(result, landmarks=replace(landmarks, well_constrained=np.zeros(len(every), bool)))
-    quality = judge(nothing, sequence, read_truth, False)
-    assert (quality.share, quality.judged, quality.near, quality.error_m) == (0, 0, None, None)
+    empty = judge(nothing, sequence, read_truth, False)
+    assert (empty.share, empty.near, empty.median_m) == (0, None, None)
+    pooled = load("benchmark_honesty").pool_landmarks([quality, empty, quality])
+    assert pooled.share == pytest.approx(quality.share * 2 / 3) and pooled.near == quality.near
 
 
 @pytest.mark.parametrize(
@@ -203,7 +207,7 @@ def test_the_table_judges_means_and_worst_cases() -> None:
     told = numbers["sonar alone, ATE above 10 % of the path: share that says so, of 2"]
     assert (told.reached, told.ok) == (0.5, False)
     assert numbers["sonar, ATE / path, mean of 2"].reached == pytest.approx(0.25)
-    assert "failed: ValueError: no" in table.describe_accuracy(runs[-1][1])
+    assert "failed: ValueError: no" in accuracy.describe_accuracy(runs[-1][1])
     both = table.Number("NEES", 1.5, at_least=0.5, at_most=1.2)
     assert both.ok is False and both.cells()[1] == "0.5 to 1.2"
 

@@ -22,8 +22,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from benchmark_accuracy import MODES
-from benchmark_backend import describe_accuracy, list_backend_numbers, list_tasks, measure_tasks
+from benchmark_accuracy import MODES, describe_accuracy
+from benchmark_backend import list_backend_numbers, list_tasks, measure_tasks
 from benchmark_batch import BATCH_FRAMES, BATCH_OBSERVATIONS, list_batch_numbers
 from benchmark_frontend import SEQUENCES, Number, list_numbers, tabulate
 from benchmark_kernels import COMPARISONS, Comparison, choose_comparisons, time_in_turns

@@ -131,3 +131,22 @@ def _measure_run(
         landmarks=None if read_truth is None else judge_landmarks(result, sequence, read_truth, mode == "sonar"),
         distrusted=any(DISTRUST.search(warning) for warning in result.warnings),
     )
+
+
+def describe_accuracy(run: Accuracy) -> str:
+    """Tell everything about one run in a line."""
+    title = f"{run.name}, {run.mode}"
+    if run.failure:
+        return f"{title}: failed: {run.failure}"
+    parts = [f"ATE {run.ate_m:.4f} m", f"{100 * run.path_share:.2f} % of the path"]
+    for value, what in ((run.ratio, "of the odometry's"), (run.over_bound, "of the bound")):
+        parts += [f"{value:.2f} {what}"] if value is not None else []
+    if run.nees is not None:
+        parts.append("NEES {:.2f}, {:.2f}".format(*run.nees))
+    if run.landmarks is not None:
+        quality = run.landmarks
+        parts.append(f"{quality.called} of {quality.tracks} tracks well constrained")
+        if quality.near is not None and quality.median_m is not None:
+            parts.append(f"{100 * quality.near:.0f} % near, {quality.median_m:.3f} m off")
+    parts += ["not to be trusted by its own word"] if run.distrusted else []
+    return f"{title}: {'; '.join([*parts, f'{run.wall_s:.0f} s'])}"

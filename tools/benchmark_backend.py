@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from benchmark_accuracy import MODES, Accuracy, measure_sequence
 from benchmark_frontend import Number
+from benchmark_honesty import pool_landmarks
 from benchmark_sequences import Case, provide_sequence
 from scipy.stats import chi2
 
@@ -89,25 +90,6 @@ def _measure_all(task: Task, cache: Path, settings: tuple[str, ...], bound: bool
     return list(_measure(task, cache, settings, bound))
 
 
-def describe_accuracy(run: Accuracy) -> str:
-    """Tell everything about one run in a line."""
-    title = f"{run.name}, {run.mode}"
-    if run.failure:
-        return f"{title}: failed: {run.failure}"
-    parts = [f"ATE {run.ate_m:.4f} m", f"{100 * run.path_share:.2f} % of the path"]
-    for value, what in ((run.ratio, "of the odometry's"), (run.over_bound, "of the bound")):
-        parts += [f"{value:.2f} {what}"] if value is not None else []
-    if run.nees is not None:
-        parts.append("NEES {:.2f}, {:.2f}".format(*run.nees))
-    if run.landmarks is not None:
-        quality = run.landmarks
-        parts.append(f"{100 * quality.share:.0f} % of the tracks well constrained")
-        if quality.near is not None and quality.error_m is not None:
-            parts.append(f"{100 * quality.near:.0f} % near, {quality.error_m:.3f} m off")
-    parts += ["not to be trusted by its own word"] if run.distrusted else []
-    return f"{title}: {'; '.join([*parts, f'{run.wall_s:.0f} s'])}"
-
-
 def list_backend_numbers(runs: Sequence[tuple[Task, Accuracy]]) -> Iterator[Number]:
     """Set what the runs reach beside what is asked of them: means over the runs, and the worst of them by name."""
     yield Number("runs", float(len(runs)))
@@ -123,7 +105,7 @@ def list_backend_numbers(runs: Sequence[tuple[Task, Accuracy]]) -> Iterator[Numb
             yield from _list_landmarks(mode, simulated)
     yield from _list_recognised([run for _, run in whole if run.mode == "sonar"])
     narrow = [run for task, run in whole if task.narrow]
-    yield from _sum_up("narrow sonar alone, ATE / path", narrow, lambda run: run.path_share, max)
+    yield from _sum_up("narrow sonar alone, ATE / path", narrow, lambda run: run.path_share)
     for _, run in whole:
         if run.name in RECORDINGS:
             yield Number(f"{run.name}, sonar alone, ATE", run.ate_m, "m", at_most=RECORDINGS[run.name])
@@ -131,18 +113,18 @@ def list_backend_numbers(runs: Sequence[tuple[Task, Accuracy]]) -> Iterator[Numb
 
 def _list_errors(mode: str, runs: Sequence[Accuracy]) -> Iterator[Number]:
     worst = WORST_RATIO if mode in RATIO else None
-    yield from _sum_up(f"{mode}, ATE / odometry", runs, lambda run: run.ratio, max, RATIO.get(mode), worst)
-    yield from _sum_up(f"{mode}, ATE / bound", runs, lambda run: run.over_bound, max, OVER_BOUND.get(mode))
+    yield from _sum_up(f"{mode}, ATE / odometry", runs, lambda run: run.ratio, RATIO.get(mode), worst)
+    yield from _sum_up(f"{mode}, ATE / bound", runs, lambda run: run.over_bound, OVER_BOUND.get(mode))
     if mode in PATH_SHARE:
-        yield from _sum_up(f"{mode}, ATE / path", runs, lambda run: run.path_share, max, PATH_SHARE[mode])
+        yield from _sum_up(f"{mode}, ATE / path", runs, lambda run: run.path_share, PATH_SHARE[mode])
 
 
 def _list_nees(mode: str, runs: Sequence[Accuracy]) -> Iterator[Number]:
     """Judge the covariances with navigation, and show what they are worth with odometry alone."""
     low, high = nees_interval(max(sum(run.nees is not None for run in runs), 1)) if mode in JUDGED else (None, None)
     title = f"{mode}, NEES a degree of freedom"
-    yield from _sum_up(f"{title}, position", runs, lambda run: run.nees and run.nees[0], max, high, at_least=low)
-    yield from _sum_up(f"{title}, attitude", runs, lambda run: run.nees and run.nees[1], max, high, at_least=low)
+    yield from _sum_up(f"{title}, position", runs, lambda run: run.nees and run.nees[0], high, at_least=low)
+    yield from _sum_up(f"{title}, attitude", runs, lambda run: run.nees and run.nees[1], high, at_least=low)
 
 
 def nees_interval(runs: int) -> tuple[float, float]:
@@ -153,13 +135,18 @@ def nees_interval(runs: int) -> tuple[float, float]:
 
 
 def _list_landmarks(mode: str, runs: Sequence[Accuracy]) -> Iterator[Number]:
-    def pick(name: str) -> Callable[[Accuracy], float | None]:
-        return lambda run: getattr(run.landmarks, name, None)
-
-    title = f"{mode}, well-constrained landmarks"
-    yield from _sum_up(f"{title}, share of all tracks", runs, pick("share"), min, at_least=WELL_CONSTRAINED)
-    yield from _sum_up(f"{title}, share within 3 of their sigmas", runs, pick("near"), min, at_least=NEAR)
-    yield from _sum_up(f"{title}, median error", runs, pick("error_m"), max, LANDMARK_M, unit="m")
+    """Judge the landmarks of all runs together, and name the run whose own are worst."""
+    found = {run.name: run.landmarks for run in runs if run.landmarks is not None}
+    if not found:
+        return
+    title, pooled = f"{mode}, well-constrained landmarks", pool_landmarks(found.values())
+    yield Number(f"{title}, share of all tracks", pooled.share, at_least=WELL_CONSTRAINED)
+    yield from _name_worst(f"{title}, share of all tracks", {name: one.share for name, one in found.items()}, min)
+    yield Number(f"{title}, share within 3 sigmas, of {len(pooled.error_m)}", pooled.near, at_least=NEAR)
+    yield from _name_worst(f"{title}, share within 3 sigmas", {name: one.near for name, one in found.items()}, min)
+    yield Number(f"{title}, median error", pooled.median_m, "m", at_most=LANDMARK_M)
+    errors_m = {name: one.median_m for name, one in found.items()}
+    yield from _name_worst(f"{title}, median error", errors_m, max, unit="m")
 
 
 def _list_recognised(runs: Sequence[Accuracy]) -> Iterator[Number]:
@@ -175,17 +162,28 @@ def _sum_up(
     title: str,
     runs: Sequence[Accuracy],
     pick: Callable[[Accuracy], float | None],
-    worst: Callable[..., str],
     at_most: float | None = None,
     worst_at_most: float | None = None,
     at_least: float | None = None,
-    unit: str = "",
 ) -> Iterator[Number]:
     """Give the mean of what is known of the runs, and the worst; nothing where nothing is known and nothing asked."""
-    values = {run.name: value for run in runs if (value := pick(run)) is not None}
+    found = {run.name: pick(run) for run in runs}
+    values = [value for value in found.values() if value is not None]
+    if values or at_most is not None:
+        mean = float(np.mean(values)) if values else None
+        yield Number(f"{title}, mean of {len(values)}", mean, "", at_most, at_least)
+    yield from _name_worst(title, found, max, worst_at_most)
+
+
+def _name_worst(
+    title: str,
+    found: dict[str, float | None],
+    worst: Callable[..., str],
+    at_most: float | None = None,
+    unit: str = "",
+) -> Iterator[Number]:
+    """Give the worst of the known values, with the run's name."""
+    values = {name: value for name, value in found.items() if value is not None}
     if values:
         name = worst(values, key=lambda name: values[name])
-        yield Number(f"{title}, mean of {len(values)}", float(np.mean([*values.values()])), unit, at_most, at_least)
-        yield Number(f"{title}, worst: {name}", values[name], unit, worst_at_most)
-    elif at_most is not None or at_least is not None:
-        yield Number(f"{title}, mean of none", None, unit, at_most, at_least)
+        yield Number(f"{title}, worst: {name}", values[name], unit, at_most)

@@ -1,6 +1,6 @@
 """Whether a run's own sigmas are true: poses and landmarks against the truth, for ``benchmark.py``."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import gtsam
@@ -23,14 +23,40 @@ SIGMAS = 3.0
 class LandmarkQuality:
     """What truth says of the landmarks that a run calls well constrained."""
 
-    share: float
-    """Of all tracks, so many are called well constrained."""
-    judged: int
-    """Those of them whose true point is known."""
-    near: float | None
-    """Share of the judged ones that lie within three of their own sigmas of the truth; None without any."""
-    error_m: float | None
-    """Median distance of the judged ones from the truth; None without any."""
+    tracks: int
+    """All tracks of the run."""
+    called: int
+    """Those whose landmarks are called well constrained."""
+    error_m: FloatArray
+    """(J,) distances from the truth of those that can be judged, as their true point is known."""
+    sigma_m: FloatArray
+    """(J,) their own sigmas."""
+
+    @property
+    def share(self) -> float | None:
+        """So many of all tracks are called well constrained; None without any track."""
+        return self.called / self.tracks if self.tracks else None
+
+    @property
+    def near(self) -> float | None:
+        """So many of the judged ones lie within three of their sigmas of the truth; None without any."""
+        return float(np.mean(self.error_m <= SIGMAS * self.sigma_m)) if len(self.error_m) else None
+
+    @property
+    def median_m(self) -> float | None:
+        """Median distance of the judged ones from the truth; None without any."""
+        return float(np.median(self.error_m)) if len(self.error_m) else None
+
+
+def pool_landmarks(qualities: Iterable[LandmarkQuality]) -> LandmarkQuality:
+    """Take the landmarks of many runs together."""
+    parts = list(qualities)
+    return LandmarkQuality(
+        tracks=sum(part.tracks for part in parts),
+        called=sum(part.called for part in parts),
+        error_m=np.concatenate([np.zeros(0), *(part.error_m for part in parts)]),
+        sigma_m=np.concatenate([np.zeros(0), *(part.sigma_m for part in parts)]),
+    )
 
 
 def true_poses(sequence: Sequence) -> FloatArray:
@@ -88,9 +114,5 @@ def judge_landmarks(
     error_m = np.linalg.norm(
         transform(true_from_estimate, landmarks.xyz_m[judged]) - truth.xyz_m[landmarks.track[judged]], axis=1
     )
-    return LandmarkQuality(
-        share=float(landmarks.well_constrained.sum()) / max(result.tracks.count, 1),
-        judged=int(judged.sum()),
-        near=float(np.mean(error_m <= SIGMAS * landmarks.sigma_m[judged])) if judged.any() else None,
-        error_m=float(np.median(error_m)) if judged.any() else None,
-    )
+    called = int(landmarks.well_constrained.sum())
+    return LandmarkQuality(result.tracks.count, called, error_m, landmarks.sigma_m[judged])
