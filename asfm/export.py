@@ -9,13 +9,13 @@ import numpy as np
 from asfm.errors import AsfmError
 from asfm.folders import FolderKind
 from asfm.poses import tum_from_pose
-from asfm.types import BoolArray, Landmarks, Tracks, Trajectory
+from asfm.types import BoolArray, FloatArray, Landmarks, Tracks, Trajectory
 
 RESULTS = FolderKind(
     name="results",
     marks=("report.json", "config.yaml"),
     patterns=(
-        *("trajectory.tum", "points.ply", "tracks.csv", "reconstruction.rrd"),
+        *("trajectory.tum", "points.ply", "pose_sigmas.csv", "tracks.csv", "reconstruction.rrd"),
         *("report.json", "config.yaml", "evaluation.json"),
         ".evaluation.json.partial",  # asfm evaluate, stopped at the wrong moment
     ),
@@ -38,6 +38,26 @@ def write_trajectory(path: Path, trajectory: Trajectory) -> None:
     rows = np.round(rows, 9) + 0.0  # a negative zero becomes zero
     lines = [f"{stamp} " + " ".join(f"{value:.9f}" for value in row) for stamp, row in zip(stamps, rows, strict=True)]
     _write(path, "\n".join(["# timestamp x y z qx qy qz qw", *lines, ""]).encode())
+
+
+def write_pose_sigmas(path: Path, timestamps_s: FloatArray, pose_covariance: FloatArray) -> None:
+    """Write the standard deviations of every pose as CSV, in the vehicle's frame.
+
+    Args:
+        path: of the table.
+        timestamps_s: (N,)
+        pose_covariance: (N, 6, 6) rotation and translation.
+
+    Raises:
+        AsfmError: the file cannot be written.
+        ValueError: a number is not finite: a defect of the caller.
+    """
+    sigma = np.sqrt(np.maximum(np.diagonal(pose_covariance, axis1=1, axis2=2), 0))
+    _require_finite("pose sigmas", timestamps_s, sigma)
+    stamps = [np.format_float_positional(stamp, trim="0") for stamp in timestamps_s]
+    rows = [f"{stamp}," + ",".join(f"{value:.9f}" for value in row) for stamp, row in zip(stamps, sigma, strict=True)]
+    header = "timestamp_s,roll_rad,pitch_rad,yaw_rad,forward_m,port_m,up_m"
+    _write(path, "\n".join([header, *rows, ""]).encode())
 
 
 def write_points(path: Path, landmarks: Landmarks) -> None:

@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from asfm.backend.calibration import Calibration, calibrate
 from asfm.backend.landmarks import describe_landmarks
 from asfm.backend.observability import SPAN, describe_reliability
 from asfm.backend.repeats import drop_repeats
@@ -23,6 +22,7 @@ from asfm.frontend.gating import PredictedPoses
 from asfm.frontend.keypoints import cut_squares, detect_keypoints
 from asfm.frontend.tracks import build_tracks
 from asfm.loops import find_loops
+from asfm.recalibration import apply_calibration, estimate_calibration
 from asfm.recorder import NullRecorder, Recorder
 from asfm.sequence import Sequence
 from asfm.stages import Progress, StageClock, StageReport, no_progress
@@ -175,29 +175,6 @@ def optimise(
                 loops = find_loops(sequence, keypoints, solution, config, report)
             poses, candidates = loops.world_from_vehicle, candidates + loops.matches
     return solution
-
-
-def estimate_calibration(solution: Solution, config: Config, clock: StageClock) -> Calibration:
-    """Estimate the lever arm's rotation and a range bias where the configuration asks for them."""
-    wanted = config.backend.estimate_lever_rotation or config.backend.estimate_range_bias
-    if not wanted or not solution.observed.any():
-        return Calibration(np.zeros(3), 0.0, np.zeros(4))
-    with clock.stage("calibration"):
-        bundle = solution.bundle
-        return calibrate(solution.problem, bundle.world_from_vehicle, bundle.xyz_m, config.backend)
-
-
-def apply_calibration(
-    calibration: Calibration, sequence: Sequence, keypoints: list[Keypoints], candidates: list[Matches]
-) -> tuple[Sequence, list[Keypoints], list[Matches]]:
-    """Correct the lever arm and every measured range."""
-    bias_m = calibration.range_bias_m
-    shift = np.array([bias_m, 0.0])
-    return (
-        replace(sequence, vehicle_from_sonar=calibration.correct_mounting(sequence.vehicle_from_sonar)),
-        [replace(frame, range_m=np.maximum(frame.range_m - bias_m, 1e-3)) for frame in keypoints],
-        [m if m.aligned is None else replace(m, aligned=m.aligned - shift) for m in candidates],
-    )
 
 
 def conclude(

@@ -68,7 +68,7 @@ def test_without_arguments_it_explains_itself(capsys: pytest.CaptureFixture[str]
 
 def test_a_run_writes_all_results(demo_folder: Path) -> None:
     results = demo_folder / "results"
-    names = {"trajectory.tum", "points.ply", "tracks.csv", "reconstruction.rrd"}
+    names = {"trajectory.tum", "points.ply", "pose_sigmas.csv", "tracks.csv", "reconstruction.rrd"}
     names |= {"report.json", "config.yaml", "evaluation.json"}
     assert {path.name for path in results.iterdir()} == names
     assert load_config(results / "config.yaml") == Config()
@@ -91,7 +91,7 @@ def test_the_demo_repeats_itself_byte_by_byte(demo_folder: Path, tmp_path: Path,
     text = ask(capsys, "demo", "--frames", str(FRAMES), "--output", tmp_path / "again")
     results = tmp_path / "again" / "results"
     assert f"asfm view {results}\n" in text and "ATE RMSE, SE(3)-aligned, scale off: " in text
-    for name in ("trajectory.tum", "points.ply", "tracks.csv", "config.yaml", "evaluation.json"):
+    for name in ("trajectory.tum", "points.ply", "pose_sigmas.csv", "tracks.csv", "config.yaml", "evaluation.json"):
         assert (results / name).read_bytes() == (demo_folder / "results" / name).read_bytes(), name
     ask(capsys, "demo", "--frames", "2", "--output", tmp_path / "again")
     assert len(np.loadtxt(results / "trajectory.tum")) == 2, "an earlier demo is replaced"

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from asfm.datasets.track_table import read_tracks
 from asfm.errors import AsfmError
-from asfm.export import write_points, write_report, write_tracks, write_trajectory
+from asfm.export import write_points, write_pose_sigmas, write_report, write_tracks, write_trajectory
 from asfm.poses import make_pose, tum_from_pose
 from asfm.types import BoolArray, Landmarks, Tracks, Trajectory
 
@@ -184,3 +184,16 @@ def test_report_names_the_key_of_a_bad_value(tmp_path: Path, bad: object) -> Non
 def test_unwritable_place_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(AsfmError, match=r"^[^\n]*none/report.json: cannot write: [^\n]*$"):
         write_report(tmp_path / "none" / "report.json", {})
+
+
+def test_pose_sigmas_are_the_roots_of_the_diagonals(tmp_path: Path) -> None:
+    sigma = np.random.default_rng(3).uniform(0.001, 0.1, (4, 6))
+    covariance = sigma[:, :, None] * np.eye(6) * sigma[:, None] + 1e-9
+    write_pose_sigmas(tmp_path / "pose_sigmas.csv", np.array([0.5, 1.0, 1.5, 2.25]), covariance)
+    header, *rows = (tmp_path / "pose_sigmas.csv").read_text().splitlines()
+    assert header == "timestamp_s,roll_rad,pitch_rad,yaw_rad,forward_m,port_m,up_m"
+    read = np.array([[float(cell) for cell in row.split(",")] for row in rows])
+    np.testing.assert_array_equal(read[:, 0], [0.5, 1.0, 1.5, 2.25])
+    np.testing.assert_allclose(read[:, 1:], sigma, rtol=1e-3)
+    with pytest.raises(ValueError, match="pose sigmas"):
+        write_pose_sigmas(tmp_path / "pose_sigmas.csv", np.arange(4.0), np.full((4, 6, 6), np.nan))

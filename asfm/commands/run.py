@@ -12,7 +12,7 @@ from asfm.datasets.image_names import name_images
 from asfm.datasets.tables import read_tum
 from asfm.errors import AsfmError
 from asfm.evaluation.summary import EvaluationTable, evaluate_sequence
-from asfm.export import RESULTS, write_points, write_report, write_tracks, write_trajectory
+from asfm.export import RESULTS, write_points, write_pose_sigmas, write_report, write_tracks, write_trajectory
 from asfm.folders import atomic_folder
 from asfm.recorder import NullRecorder, Recorder
 from asfm.sequence import Sequence
@@ -57,6 +57,7 @@ def run_sequence(
         write_trajectory(folder / "trajectory.tum", result.trajectory)
         evaluation, remarks = _evaluate(sequence, read_tum(folder / "trajectory.tum"))  # as asfm evaluate will read it
         write_points(folder / "points.ply", result.landmarks)
+        write_pose_sigmas(folder / "pose_sigmas.csv", result.trajectory.timestamps_s, result.pose_covariance)
         write_tracks(folder / "tracks.csv", result.tracks, result.observed)
         (folder / "config.yaml").write_text(dump_config(config), encoding="utf-8")
         if evaluation is not None:
