@@ -132,32 +132,30 @@ def _close(
 ) -> tuple[FloatArray, list[Matches]]:
     """Close the loops, leave out those that the closed trajectory contradicts, and close the others again.
 
-    Where many contradict each other there is no telling which are right, and all are left out.
+    Where many contradict each other there is no telling which are right, and all are left out. Where the poses of
+    before agree with all of them there is nothing to close: their matches join the tracks, and the poses stay.
     """
     poses, sequence, config = solution.bundle.world_from_vehicle, eyes.sequence, eyes.config
     correlation = config.backend.track_correlation
-    sigma = difference_sigma(sequence.sonar, config.noise)
+    sigma = feature_sigma(sequence.sonar, config.noise)
     while loops:
         again = see_again(loops, tracked)
-        closed = close_loops(
-            solution.bundle,
-            again,
-            feature_sigma(sequence.sonar, config.noise),
-            sequence.vehicle_from_sonar,
-            correlation,
-        )
-        world_from_sonar = closed @ sequence.vehicle_from_sonar
-        stands = [
-            share_near_arcs(match, eyes.keypoints, sequence.sonar, world_from_sonar, sigma, config.matching.arc_gate)
-            >= STANDS
-            for match in loops
-        ]
+        closed = close_loops(solution.bundle, again, sigma, sequence.vehicle_from_sonar, correlation)
+        stands = _find_standing(loops, closed, eyes)
         if all(stands):
-            return closed, loops
+            return poses if all(_find_standing(loops, poses, eyes)) else closed, loops
         if sum(stands) < UNANIMOUS * len(stands):
             return poses, []
         loops = [match for match, fine in zip(loops, stands, strict=True) if fine]
     return poses, loops
+
+
+def _find_standing(loops: list[Matches], world_from_vehicle: FloatArray, eyes: _Eyes) -> list[bool]:
+    """Tell which loops the poses agree with."""
+    sonar, config = eyes.sequence.sonar, eyes.config
+    world_from_sonar = world_from_vehicle @ eyes.sequence.vehicle_from_sonar
+    sigma, gate = difference_sigma(sonar, config.noise), config.matching.arc_gate
+    return [share_near_arcs(match, eyes.keypoints, sonar, world_from_sonar, sigma, gate) >= STANDS for match in loops]
 
 
 def see_again(loops: list[Matches], tracked: TrackedKeypoints) -> Tracks:

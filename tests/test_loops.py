@@ -219,11 +219,27 @@ def test_loops_that_contradict_each_other_are_all_left_out(
         trip.solution.tracks, keypoints, SONAR, Config().noise, np.ones(len(trip.solution.tracks), dtype=bool)
     )
     monkeypatch.setattr(loops, "close_loops", lambda bundle, *_: bundle.world_from_vehicle + 1e-3)
-    monkeypatch.setattr(loops, "share_near_arcs", lambda match, *_: float(match.frame_a < standing))
+    before = trip.solution.bundle.world_from_vehicle
+
+    def stand(match: Matches, *rest: FloatArray) -> float:
+        return float(match.frame_a < standing and not np.array_equal(rest[2], before))
+
+    monkeypatch.setattr(loops, "share_near_arcs", stand)
     eyes = loops._Eyes(trip.sequence, keypoints, {}, Config())
     poses, left = loops._close(some, eyes, trip.solution, tracked)
     assert [match.frame_a for match in left] == list(range(kept))
-    assert np.array_equal(poses, trip.solution.bundle.world_from_vehicle) == (kept == 0)
+    assert np.array_equal(poses, before) == (kept == 0)
+
+
+def test_loops_that_the_poses_agree_with_leave_them_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    trip = make_round_trip(0)
+    keypoints = [_keypoint_of(trip, frame) for frame in range(30)]
+    everything = np.ones(len(trip.solution.tracks), dtype=bool)
+    tracked = TrackedKeypoints(trip.solution.tracks, keypoints, SONAR, Config().noise, everything)
+    monkeypatch.setattr(loops, "share_near_arcs", lambda *_: 1.0)
+    some = [Matches(1, 25, np.zeros((1, 2), dtype=np.int64), np.zeros(1))]
+    poses, left = loops._close(some, loops._Eyes(trip.sequence, keypoints, {}, Config()), trip.solution, tracked)
+    assert left == some and poses is trip.solution.bundle.world_from_vehicle
 
 
 def _keypoint_of(trip: RoundTrip, frame: int) -> Keypoints:
