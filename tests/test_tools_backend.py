@@ -168,7 +168,9 @@ def test_landmarks_are_held_against_their_true_points() -> None:
 
     elsewhere = np.linalg.inv(poses[0])
     own_world = replace(landmarks, xyz_m=transform(elsewhere, landmarks.xyz_m))
-    moved = replace(result, trajectory=replace(trajectory, world_from_vehicle=elsewhere @ poses), landmarks=own_world)
+    bent = elsewhere @ poses
+    bent[1:, :3, 3] *= 1.5  # only the first pose counts
+    moved = replace(result, trajectory=replace(trajectory, world_from_vehicle=bent), landmarks=own_world)
     assert judge(moved, sequence, read_truth, True).median_m == pytest.approx(quality.median_m, rel=1e-6)
     assert judge(moved, sequence, read_truth, False).near == 0
 

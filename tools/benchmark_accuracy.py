@@ -15,7 +15,7 @@ from asfm.config import Config, load_config
 from asfm.datasets import open_sequence, open_truth
 from asfm.evaluation.bound import measure_bound
 from asfm.evaluation.summary import evaluate_sequence
-from asfm.evaluation.trajectory import path_length_m
+from asfm.evaluation.trajectory import align_first_pose, path_length_m
 from asfm.pipeline import conclude, extract, initialise, optimise, predict_poses
 from asfm.recorder import NullRecorder
 from asfm.sequence import Sequence
@@ -48,8 +48,8 @@ class Accuracy:
     odometry_ate_m: float | None = None
     bound_m: float | None = None
     nees: tuple[float, float] | None = None
-    """Of position and attitude, a degree of freedom: mean over the frames but the first. None without a common world,
-    or where the graph cannot be factorised."""
+    """Of position and attitude, a degree of freedom: mean over the frames but the first. None where the graph
+    cannot be factorised."""
     landmarks: LandmarkQuality | None = None
     distrusted: bool = False
     """Whether the run says from which frame on its trajectory is not to be trusted."""
@@ -115,6 +115,7 @@ def _measure_run(
     result = conclude(sequence, solution, config, clock, start.sensors.warnings)
     wall_s = time.perf_counter() - begin_s
     truth = true_poses(sequence)
+    poses = result.trajectory.world_from_vehicle
     row = evaluate_sequence(sequence, result.trajectory).row(ATE)
     bound = None
     if with_bound and read_truth is not None:
@@ -127,7 +128,7 @@ def _measure_run(
         path_m=path_length_m(truth),
         odometry_ate_m=row.odometry,
         bound_m=bound,
-        nees=None if mode == "sonar" else measure_nees(solution, truth),
+        nees=measure_nees(solution, align_first_pose(truth, poses) @ truth if mode == "sonar" else truth),
         landmarks=None if read_truth is None else judge_landmarks(result, sequence, read_truth, mode == "sonar"),
         distrusted=any(DISTRUST.search(warning) for warning in result.warnings),
     )

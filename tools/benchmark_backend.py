@@ -120,7 +120,7 @@ def _list_errors(mode: str, runs: Sequence[Accuracy]) -> Iterator[Number]:
 
 
 def _list_nees(mode: str, runs: Sequence[Accuracy]) -> Iterator[Number]:
-    """Judge the covariances with navigation, and show what they are worth with odometry alone."""
+    """Judge the covariances with navigation, and show what the others are worth."""
     low, high = nees_interval(max(sum(run.nees is not None for run in runs), 1)) if mode in JUDGED else (None, None)
     title = f"{mode}, NEES a degree of freedom"
     yield from _sum_up(f"{title}, position", runs, lambda run: run.nees and run.nees[0], high, at_least=low)

@@ -8,7 +8,7 @@ import numpy as np
 
 from asfm.backend.problem import FIRST_POSE
 from asfm.backend.solution import Solution
-from asfm.evaluation.trajectory import align_se3
+from asfm.evaluation.trajectory import align_first_pose
 from asfm.evaluation.true_points import find_true_points
 from asfm.poses import interpolate, invert, transform
 from asfm.sequence import Sequence
@@ -71,11 +71,11 @@ def measure_nees(solution: Solution, truth: FloatArray) -> tuple[float, float] |
     """Set the errors of position and attitude over their covariances: e' C^-1 e / 3, mean over frames.
 
     Errors are taken in the tangent space at the estimate (GTSAM's: rotation first, then translation, vehicle's frame).
-    The first pose is left out: it is held to the start of the odometry, which is the truth's.
+    The first pose is left out: it is held, and every covariance counts from there.
 
     Args:
         solution: its graph gives the covariances.
-        truth: (N, 4, 4) true poses in the same world.
+        truth: (N, 4, 4) true poses in the same world, or with the same first pose where there is none.
 
     Returns:
         position's and attitude's, both 1 where covariances are true; None where the graph cannot be factorised.
@@ -104,12 +104,13 @@ def judge_landmarks(
     """Hold the landmarks that are called well constrained against the true points of their tracks.
 
     Args:
-        aligned: the run has a world of its own, which is aligned to the true one by the poses (SE(3), scale off).
+        aligned: the run has a world of its own. Its first pose is laid on the true one, as every sigma counts from
+            there; aligned by positions alone, a straight path would let the landmarks turn about it.
     """
     poses, landmarks = true_poses(sequence), result.landmarks
     truth = find_true_points(result.tracks, sequence.sonar, invert(poses @ sequence.vehicle_from_sonar), read_truth)
     agreed = np.bincount(result.tracks.track, truth.near, minlength=result.tracks.count) >= FEWEST_NEAR
-    true_from_estimate = align_se3(result.trajectory.world_from_vehicle, poses) if aligned else np.eye(4)
+    true_from_estimate = align_first_pose(result.trajectory.world_from_vehicle, poses) if aligned else np.eye(4)
     judged = landmarks.well_constrained & (truth.known & agreed)[landmarks.track]
     error_m = np.linalg.norm(
         transform(true_from_estimate, landmarks.xyz_m[judged]) - truth.xyz_m[landmarks.track[judged]], axis=1
