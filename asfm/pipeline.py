@@ -64,18 +64,10 @@ def reconstruct(
     if given is not None:  # what somebody else's matches are worth shall show, and loops would be asfm's own
         config = config.model_copy(update={"loops": config.loops.model_copy(update={"enabled": False})})
     keypoints, candidates = extract(sequence, config, recorder, clock, given)
-    candidates, repeats = drop_repeats(keypoints, candidates, start_from_odometry(sequence, config))
-    start = initialise(sequence, keypoints, candidates, config, clock)
-    solution = optimise(sequence, keypoints, candidates, start, config, clock)
-    calibration = estimate_calibration(solution, config, clock)
-    if calibration.sigma.any():
-        sequence, keypoints, candidates = apply_calibration(calibration, sequence, keypoints, candidates)
-        start = replace(start, world_from_vehicle=solution.bundle.world_from_vehicle)
-        solution = optimise(sequence, keypoints, candidates, start, config, clock)
-    told = (*start.sensors.warnings, *repeats, *calibration.describe())
-    reconstruction = conclude(sequence, solution, config, clock, told)
+    solved, solution, told = solve(sequence, keypoints, candidates, config, clock)
+    reconstruction = conclude(solved, solution, config, clock, told)
     with clock.stage("record"):
-        recorder.record_reconstruction(sequence, reconstruction)
+        recorder.record_reconstruction(solved, reconstruction)
     return Run(reconstruction, tuple(clock.reports))
 
 
@@ -132,6 +124,25 @@ def _count_rejected(candidates: list[Matches]) -> dict[str, int]:
         for name, count in matches.count_rejected().items():
             counts[f"rejected by {name}"] = counts.get(f"rejected by {name}", 0) + count
     return counts
+
+
+def solve(
+    sequence: Sequence, keypoints: list[Keypoints], candidates: list[Matches], config: Config, clock: StageClock
+) -> tuple[Sequence, Solution, tuple[str, ...]]:
+    """Find poses and points; once more with the mounting and the range bias corrected, where these are estimated.
+
+    Returns:
+        The sequence, its lever arm corrected where that was asked for, the solution, and what is to be warned of.
+    """
+    candidates, repeats = drop_repeats(keypoints, candidates, start_from_odometry(sequence, config))
+    start = initialise(sequence, keypoints, candidates, config, clock)
+    solution = optimise(sequence, keypoints, candidates, start, config, clock)
+    calibration = estimate_calibration(solution, config, clock)
+    if calibration.sigma.any():
+        sequence, keypoints, candidates = apply_calibration(calibration, sequence, keypoints, candidates)
+        start = replace(start, world_from_vehicle=solution.bundle.world_from_vehicle)
+        solution = optimise(sequence, keypoints, candidates, start, config, clock)
+    return sequence, solution, (*start.sensors.warnings, *repeats, *calibration.describe())
 
 
 def initialise(

@@ -16,7 +16,7 @@ from asfm.datasets import open_sequence, open_truth
 from asfm.evaluation.bound import measure_bound
 from asfm.evaluation.summary import evaluate_sequence
 from asfm.evaluation.trajectory import align_first_pose, path_length_m
-from asfm.pipeline import conclude, extract, initialise, optimise, predict_poses
+from asfm.pipeline import conclude, extract, predict_poses, solve
 from asfm.recorder import NullRecorder
 from asfm.sequence import Sequence
 from asfm.stages import StageClock
@@ -110,9 +110,8 @@ def _measure_run(
 ) -> Accuracy:
     """Do what the pipeline does after its front-end, and hold it against the truth."""
     clock, begin_s = StageClock(), time.perf_counter()
-    start = initialise(sequence, keypoints, candidates, config, clock)
-    solution = optimise(sequence, keypoints, candidates, start, config, clock)
-    result = conclude(sequence, solution, config, clock, start.sensors.warnings)
+    solved, solution, told = solve(sequence, keypoints, candidates, config, clock)
+    result = conclude(solved, solution, config, clock, told)
     wall_s = time.perf_counter() - begin_s
     truth = true_poses(sequence)
     poses = result.trajectory.world_from_vehicle
