@@ -9,6 +9,7 @@ from asfm.backend.bundle import Bundle, adjust_bundle
 from asfm.backend.problem import BundleProblem
 from asfm.backend.selection import cap_observations
 from asfm.backend.sensors import SensorConstraints
+from asfm.backend.track_noise import estimate_track_noise
 from asfm.backend.triangulation import Gate, triangulate_tracks
 from asfm.config import Config
 from asfm.sequence import Sequence
@@ -66,10 +67,11 @@ def solve_tracks(
     observed = found.agrees & (views >= config.tracks.min_views)[tracks.track]
     observed = cap_observations(tracks, observed, sigma, config.backend.max_views)
     views = np.bincount(tracks.track, observed, minlength=tracks.count)
+    widened = estimate_track_noise(tracks.track, observed, found.residual) * _correlation_factor(views, config)
     problem = BundleProblem(
         tracks=tracks,
         observed=observed,
-        sigma=sigma * _correlation_factor(views, config)[tracks.track][:, None],
+        sigma=sigma * widened[tracks.track][:, None],
         sensors=sensors,
         vehicle_from_sonar=sequence.vehicle_from_sonar,
         half_aperture_rad=gate.half_aperture_rad,
