@@ -1,8 +1,15 @@
 """Fixtures that many test files share."""
 
+import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+settings.register_profile("same examples", derandomize=True)
+settings.register_profile("new examples")
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same examples"))
+"""What passes once shall pass again; HYPOTHESIS_PROFILE="new examples" looks for others."""
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
