@@ -115,6 +115,10 @@ class TracksConfig(Section):
     """The gate is never narrower than this many sigmas."""
     min_views: int = Field(default=3, ge=2)
     """Shorter tracks are left out."""
+    window: int = Field(default=16, ge=0)
+    """From round to round tracks grow into frames at most so many away that show their points; 0: not at all."""
+    settled_share: float = Field(default=0.2, ge=0, le=1)
+    """The rounds end when a smaller share of the observations than this is new or gone."""
 
 
 class NoiseConfig(Section):
@@ -154,8 +158,8 @@ class BackendConfig(Section):
 
     use_odometry: bool = True
     use_navigation: bool = True
-    rounds: int = Field(default=3, ge=1)
-    """How often association and optimisation alternate."""
+    rounds: int = Field(default=5, ge=1)
+    """How often association and optimisation alternate at most; see ``tracks.settled_share``."""
     max_views: int = Field(default=20, ge=3)
     """A landmark seen more often keeps the observations that inform most."""
     estimate_lever_rotation: bool = False

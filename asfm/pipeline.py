@@ -20,7 +20,9 @@ from asfm.frontend.correspondences import Correspondences, judge_correspondences
 from asfm.frontend.denoising import detect_mask
 from asfm.frontend.gating import PredictedPoses
 from asfm.frontend.keypoints import cut_squares, detect_keypoints
-from asfm.frontend.tracks import build_tracks
+from asfm.frontend.rematching import add_matches, rematch
+from asfm.frontend.solved import SolvedTracks
+from asfm.frontend.tracks import build_tracks, share_changed
 from asfm.loops import find_loops
 from asfm.recalibration import apply_calibration, estimate_calibration
 from asfm.recorder import NullRecorder, Recorder
@@ -172,20 +174,44 @@ def optimise(
     config: Config,
     clock: StageClock,
 ) -> Solution:
-    """Alternate association and adjustment. Loops are looked for once poses are better than the start."""
-    poses = start.world_from_vehicle
+    """Alternate association and adjustment, until either changes little or the rounds are over.
+
+    Loops are looked for once poses are better than the start. From then on the points of each round say where tracks
+    should be seen that nothing was matched with, and tracks grow.
+    """
+    poses, proposed = start.world_from_vehicle, list[Matches]()
+    before: Solution | None = None
     for number in range(config.backend.rounds):
         with clock.stage(f"round {number + 1}") as report:
-            tracks = associate(keypoints, candidates, sequence.sonar, poses @ sequence.vehicle_from_sonar, config)
+            matches = [*candidates, *proposed]
+            tracks = associate(keypoints, matches, sequence.sonar, poses @ sequence.vehicle_from_sonar, config)
             solution = solve_tracks(tracks, sequence, poses, start.sensors, config)
             poses = solution.bundle.world_from_vehicle
             report.counts = {"tracks": tracks.count, "observations": int(solution.observed.sum())}
         clock.progress("optimise", number + 1, config.backend.rounds)
-        if number == 0 and config.loops.enabled and config.backend.rounds > 1:
+        settled = before is not None and _share_changed(before, solution) < config.tracks.settled_share
+        if settled or number + 1 == config.backend.rounds:
+            break
+        before, proposed = solution, add_matches(proposed, _rematch(solution, sequence, keypoints, config))
+        if number == 0 and config.loops.enabled:
             with clock.stage("loops") as report:
                 loops = find_loops(sequence, keypoints, solution, config, report)
             poses, candidates = loops.world_from_vehicle, candidates + loops.matches
     return solution
+
+
+def _share_changed(before: Solution, after: Solution) -> float:
+    return share_changed(before.tracks, before.observed, after.tracks, after.observed)
+
+
+def _rematch(solution: Solution, sequence: Sequence, keypoints: list[Keypoints], config: Config) -> list[Matches]:
+    """Match keypoints with the points of a solution."""
+    bundle = solution.bundle
+    world_from_sonar = bundle.world_from_vehicle @ sequence.vehicle_from_sonar
+    solved = SolvedTracks(
+        solution.tracks, keypoints, bundle.xyz_m, bundle.in_graph, world_from_sonar, sequence.sonar, config
+    )
+    return rematch(solved, config.tracks.window)
 
 
 def conclude(

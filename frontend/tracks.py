@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from asfm.types import FloatArray, IntArray, Keypoints, Matches, Tracks
+from asfm.types import BoolArray, FloatArray, IntArray, Keypoints, Matches, Tracks
 
 
 def build_tracks(keypoints: Sequence[Keypoints], matches: Sequence[Matches], min_views: int = 2) -> Tracks:
@@ -35,6 +35,27 @@ def build_tracks(keypoints: Sequence[Keypoints], matches: Sequence[Matches], min
         bearing_rad=_gather([frame.bearing_rad for frame in keypoints])[node],
         sigma=None if sigma is None else sigma[node],
     )
+
+
+def share_changed(before: Tracks, used_before: BoolArray, after: Tracks, used_after: BoolArray) -> float:
+    """Tell which share of the observations used before or after is used only once, 0 to 1; 0 where there are none.
+
+    It does not matter which tracks they belong to: numbers of tracks mean nothing beyond one association.
+
+    Args:
+        before, after: tracks of two rounds.
+        used_before, used_after: (O,) their observations that entered the graph.
+    """
+    places = [_places(before, used_before), _places(after, used_after)]
+    either = len(np.unique(np.concatenate(places), axis=0))
+    both = len(places[0]) + len(places[1]) - either
+    return (either - both) / either if either else 0.0
+
+
+def _places(tracks: Tracks, used: BoolArray) -> FloatArray:
+    """Give the frame, range and bearing of the observations used, each once."""
+    table = np.stack([tracks.frame[used].astype(float), tracks.range_m[used], tracks.bearing_rad[used]], axis=1)
+    return np.unique(table, axis=0)
 
 
 def _gather_sigma(matches: Sequence[Matches], count: int, offset: IntArray) -> FloatArray | None:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from asfm.frontend.tracks import build_tracks
+from asfm.frontend.tracks import build_tracks, share_changed
 from asfm.types import Keypoints, Matches, Tracks
 
 Node = tuple[int, int]
@@ -172,3 +172,24 @@ def test_sigma_is_not_known_where_a_match_states_none() -> None:
     assert build_tracks(case.keypoints, case.matches).sigma is None
     some = [replace(case.matches[0], sigma=np.ones((len(case.matches[0]), 2))), *case.matches[1:]]
     assert build_tracks(case.keypoints, some).sigma is None
+
+
+def make_tracks(rng: np.random.Generator, count: int) -> Tracks:
+    """Tracks of three observations each, at places that no other has."""
+    return Tracks(
+        np.repeat(np.arange(count), 3), np.tile(np.arange(3), count), rng.random(3 * count), rng.random(3 * count)
+    )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_changed_is_counted_by_observations_and_not_by_numbers_of_tracks(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    tracks, other = make_tracks(rng, 20), make_tracks(rng, 20)
+    used, fewer = np.ones(60, dtype=bool), np.arange(60) < 45
+    assert share_changed(tracks, used, tracks, used) == 0
+    assert share_changed(tracks, used, other, used) == 1
+    assert share_changed(tracks, used, tracks, fewer) == share_changed(tracks, fewer, tracks, used) == 0.25
+    order = np.argsort(19 - tracks.track, kind="stable")
+    turned = Tracks(tracks.track, tracks.frame[order], tracks.range_m[order], tracks.bearing_rad[order])
+    assert share_changed(tracks, used, turned, used) == 0
+    assert share_changed(tracks, ~used, tracks, ~used) == 0
