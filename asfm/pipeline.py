@@ -56,15 +56,16 @@ def reconstruct(
         config: every setting.
         recorder: shown each stage; nothing is shown without one.
         progress: told how far each stage is.
-        given: keypoints and matches computed elsewhere, which take the place of asfm's own; no loops are added.
+        given: keypoints and matches computed elsewhere, which take the place of asfm's own; no others are added.
 
     Raises:
         AsfmError: a frame cannot be read.
     """
     recorder = recorder or NullRecorder()
     clock = StageClock(progress)
-    if given is not None:  # what somebody else's matches are worth shall show, and loops would be asfm's own
-        config = config.model_copy(update={"loops": config.loops.model_copy(update={"enabled": False})})
+    if given is not None:  # what somebody else's matches are worth shall show: loops and growth would be asfm's own
+        loops = config.loops.model_copy(update={"enabled": False})
+        config = config.model_copy(update={"loops": loops, "tracks": config.tracks.model_copy(update={"window": 0})})
     keypoints, candidates = extract(sequence, config, recorder, clock, given)
     solved, solution, told = solve(sequence, keypoints, candidates, config, clock)
     reconstruction = conclude(solved, solution, config, clock, told)
