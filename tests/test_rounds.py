@@ -5,7 +5,9 @@ import pytest
 
 from asfm.backend.solution import Solution
 from asfm.config import Config, load_config
-from asfm.pipeline import extract, initialise, optimise
+from asfm.frontend.correspondences import Correspondences
+from asfm.frontend.solved import SolvedTracks
+from asfm.pipeline import extract, initialise, optimise, reconstruct
 from asfm.recorder import NullRecorder
 from asfm.sequence import Sequence
 from asfm.simulation.simulate import simulate
@@ -52,3 +54,19 @@ def test_tracks_grow_from_round_to_round(extracted: tuple[Sequence, list[Keypoin
 
 def test_one_round_is_one_round(extracted: tuple[Sequence, list[Keypoints], list[Matches]]) -> None:
     assert run_rounds(extracted, "backend.rounds=1")[1] == ["round 1"]
+
+
+def test_given_matches_stay_alone(
+    extracted: tuple[Sequence, list[Keypoints], list[Matches]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sequence, keypoints, candidates = extracted
+    windows: list[int] = []
+
+    def remember(solved: SolvedTracks, window: int) -> list[Matches]:
+        windows.append(window)
+        return []
+
+    monkeypatch.setattr("asfm.pipeline.rematch", remember)
+    given = Correspondences(tuple(frame.without_patches() for frame in keypoints), tuple(candidates))
+    reconstruct(sequence, load_config(None, ("backend.rounds=2",)), given=given)
+    assert windows == [0]
