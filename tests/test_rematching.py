@@ -156,6 +156,21 @@ def test_a_keypoint_far_from_where_it_should_be_never_joins() -> None:
     assert not off[a].any() and len(a) > 0.85 * np.sum(~off)
 
 
+def test_an_observation_off_its_point_disagrees_and_vouches_for_nothing() -> None:
+    off = np.arange(POINTS) < 25
+    world, _ = lookalikes(make_world(), off)
+    solved = world.solve(one_label_each())
+    wrong = (solved.tracks.frame == FRAMES // 2) & off[solved.tracks.track]
+    np.testing.assert_array_equal(solved.agrees[wrong], False)
+    assert solved.agrees[~wrong].mean() > 0.98
+    label = one_label_each()
+    label[FRAMES // 2 + 1] = -1
+    predicted = predict_sightings(world.solve(label), FRAMES // 2 + 1, 1)
+    before, after = (world.solve(label).tracks.frame[predicted.nearest] == FRAMES // 2 + step for step in (0, 2))
+    np.testing.assert_array_equal(before | after, True)
+    assert not before[off[predicted.track]].any() and before[~off[predicted.track]].mean() > 0.9
+
+
 def test_a_keypoint_that_looks_different_never_joins() -> None:
     world, label = lookalikes(make_world(), np.zeros(POINTS, dtype=bool))
     middle = FRAMES // 2
