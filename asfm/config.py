@@ -166,8 +166,9 @@ class BackendConfig(Section):
     """Estimate how the sonar is turned on its mounting, from what is given: takes some thirty adjustments more."""
     estimate_range_bias: bool = False
     """Estimate a constant that every range is too long or too short by: takes some ten adjustments more."""
-    track_correlation: float = Field(default=1.0, ge=0, le=1)
-    """Correlation of the errors of one track's observations: features slide along edges in step."""
+    track_correlation: float = Field(default=0.7, ge=0, le=1)
+    """Correlation of the errors of one track's observations: features slide along edges in step. What fades from frame
+    to frame is measured beside it."""
     elevation_correlation: float = Field(default=0.3, ge=0, le=1)
     """The same for what tells a landmark's elevation, which is how range and bearing change: errors in common cancel.
     The sigmas of landmarks are stated with this one."""

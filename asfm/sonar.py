@@ -134,6 +134,22 @@ class SonarModel:
         return back_project(np.asarray(range_m)[..., None], np.asarray(bearing_rad)[..., None], self.elevations(count))
 
 
+def project_jacobian(xyz_m: FloatArray) -> FloatArray:
+    """Differentiate equation (1): (..., 3, 3) rows range, bearing, elevation by columns x, y, z of the sonar frame."""
+    x, y, z = np.moveaxis(xyz_m, -1, 0)
+    horizontal2 = np.maximum(x**2 + y**2, 1e-12)
+    horizontal = np.sqrt(horizontal2)
+    range2 = horizontal2 + z**2
+    range_m = np.sqrt(range2)
+    zero = np.zeros_like(x)
+    rows = [
+        np.stack([x / range_m, y / range_m, z / range_m], axis=-1),
+        np.stack([-y / horizontal2, x / horizontal2, zero], axis=-1),
+        np.stack([-x * z / (horizontal * range2), -y * z / (horizontal * range2), horizontal / range2], axis=-1),
+    ]
+    return np.stack(rows, axis=-2)
+
+
 def feature_sigma(sonar: SonarModel, noise: NoiseConfig) -> FloatArray:
     """Standard deviations (2,) of a feature's range_m and bearing_rad."""
     bearing_rad = max(noise.bearing_beams * sonar.bearing_step_rad, np.deg2rad(noise.min_bearing_deg))

@@ -6,10 +6,11 @@ import numpy as np
 
 from asfm.backend.beam import EDGE_RAD
 from asfm.backend.bundle import Bundle, adjust_bundle
+from asfm.backend.pose_errors import remove_pose_errors
 from asfm.backend.problem import BundleProblem
 from asfm.backend.selection import cap_observations
 from asfm.backend.sensors import SensorConstraints
-from asfm.backend.track_noise import estimate_track_noise
+from asfm.backend.track_noise import estimate_track_noise, measure_persistence
 from asfm.backend.triangulation import Gate, triangulate_tracks
 from asfm.config import Config
 from asfm.sequence import Sequence
@@ -55,23 +56,20 @@ def solve_tracks(
         half_aperture_rad=sequence.sonar.elevation_aperture_rad / 2,
         edge_rad=float(np.hypot(EDGE_RAD, sensors.typical_rotation_rad)),
     )
-    slack = MEASURED_SLACK if sensors.measured else GUESSED_SLACK
-    found = triangulate_tracks(
-        tracks,
-        world_from_vehicle @ sequence.vehicle_from_sonar,
-        sequence.sonar,
-        np.maximum(sigma, typical) * slack,
-        gate,
-    )
+    wide = np.maximum(sigma, typical) * (MEASURED_SLACK if sensors.measured else GUESSED_SLACK)
+    world_from_sonar = world_from_vehicle @ sequence.vehicle_from_sonar
+    found = triangulate_tracks(tracks, world_from_sonar, sequence.sonar, wide, gate)
     views = np.bincount(tracks.track, found.agrees, minlength=tracks.count)
     observed = found.agrees & (views >= config.tracks.min_views)[tracks.track]
     observed = cap_observations(tracks, observed, sigma, config.backend.max_views)
     views = np.bincount(tracks.track, observed, minlength=tracks.count)
-    widened = estimate_track_noise(tracks.track, observed, found.residual) * _correlation_factor(views, config)
+    residual = remove_pose_errors(tracks, observed, found.residual, wide, found.xyz_m, world_from_sonar)
+    widened = estimate_track_noise(tracks.track, observed, residual) * _correlation_factor(views, config)
+    lasting = measure_persistence(tracks.track, observed, residual)
     problem = BundleProblem(
         tracks=tracks,
         observed=observed,
-        sigma=sigma * widened[tracks.track][:, None],
+        sigma=sigma * widened[tracks.track][:, None] * lasting,
         sensors=sensors,
         vehicle_from_sonar=sequence.vehicle_from_sonar,
         half_aperture_rad=gate.half_aperture_rad,

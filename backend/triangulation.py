@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from asfm.poses import invert, transform
-from asfm.sonar import SonarModel, project
+from asfm.sonar import SonarModel, project, project_jacobian
 from asfm.types import BoolArray, FloatArray, IntArray, Tracks
 
 OBSERVATIONS_AT_ONCE = 20_000
@@ -175,19 +175,3 @@ def _refine(
         np.add.reduceat(tracks.range_m, first)[:, None] / np.diff(first, append=len(tracks))[:, None], 1e-9
     )
     return np.asarray(xyz_m - step * np.minimum(1.0, farthest / np.maximum(length, 1e-12)))
-
-
-def project_jacobian(xyz_m: FloatArray) -> FloatArray:
-    """Differentiate equation (1): (..., 3, 3) rows range, bearing, elevation by columns x, y, z of the sonar frame."""
-    x, y, z = np.moveaxis(xyz_m, -1, 0)
-    horizontal2 = np.maximum(x**2 + y**2, 1e-12)
-    horizontal = np.sqrt(horizontal2)
-    range2 = horizontal2 + z**2
-    range_m = np.sqrt(range2)
-    zero = np.zeros_like(x)
-    rows = [
-        np.stack([x / range_m, y / range_m, z / range_m], axis=-1),
-        np.stack([-y / horizontal2, x / horizontal2, zero], axis=-1),
-        np.stack([-x * z / (horizontal * range2), -y * z / (horizontal * range2), horizontal / range2], axis=-1),
-    ]
-    return np.stack(rows, axis=-2)

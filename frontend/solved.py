@@ -8,7 +8,7 @@ import numpy as np
 
 from asfm.config import Config
 from asfm.poses import invert, transform
-from asfm.sonar import SonarModel, feature_sigma, project
+from asfm.sonar import SonarModel, feature_sigma, project, project_jacobian
 from asfm.types import BoolArray, FloatArray, IntArray, Keypoints, Tracks
 
 WIDENED = 1.2
@@ -83,7 +83,7 @@ class SolvedTracks:
     @cached_property
     def covariance_m2(self) -> FloatArray:
         """(T, 3, 3) of the points under these poses: what agreeing observations say, and once that the beam sees it."""
-        jacobian = project_slopes(self._seen, self.sonar_from_world[self.tracks.frame])
+        jacobian = project_jacobian(self._seen) @ self.sonar_from_world[self.tracks.frame, :3, :3]
         views = np.bincount(self.tracks.track, self.agrees, minlength=self.tracks.count)
         elevation_rad = self.sonar.elevation_aperture_rad / 2 * np.sqrt(np.maximum(views, 1))[self.tracks.track]
         scale = 1 / np.column_stack([WIDENED * self.sigma, elevation_rad]) * self.agrees[:, None]
@@ -123,7 +123,7 @@ def predict_sightings(solved: SolvedTracks, frame: int, window: int) -> Predicti
     rows, beams = solved.sonar.range_edges_m, solved.sonar.bearing_edges_rad
     inside = (range_m >= rows[0]) & (range_m <= rows[-1]) & (bearing_rad >= beams[0]) & (bearing_rad <= beams[-1])
     inside &= np.abs(elevation_rad) <= solved.sonar.elevation_aperture_rad / 2 + EDGE_RAD
-    slopes = project_slopes(seen[inside], solved.sonar_from_world[frame])[:, :2]
+    slopes = (project_jacobian(seen[inside]) @ solved.sonar_from_world[frame, :3, :3])[:, :2]
     spread = np.einsum("pij,pjk,plk->pil", slopes, solved.covariance_m2[track[inside]], slopes)
     return Prediction(track[inside], nearest[inside], range_m[inside], bearing_rad[inside], spread)
 
@@ -138,25 +138,6 @@ def _list_absent(solved: SolvedTracks, frame: int, window: int) -> tuple[IntArra
     track, first = np.unique(solved.tracks.track[around[order]], return_index=True)
     absent = ~np.isin(track, solved.tracks.track[solved.by_frame[frame]])
     return track[absent], around[order][first[absent]]
-
-
-def project_slopes(xyz_m: FloatArray, sonar_from_world: FloatArray) -> FloatArray:
-    """Differentiate equation (1): (..., 3, 3), rows range, bearing and elevation, columns the world's x, y and z.
-
-    Args:
-        xyz_m: (..., 3) points in the sonar's frame, off its vertical axis.
-        sonar_from_world: (..., 4, 4)
-    """
-    x, y, z = np.moveaxis(xyz_m, -1, 0)
-    across2 = np.maximum(x**2 + y**2, 1e-12)
-    range2 = across2 + z**2
-    range_m, across_m, zero = np.sqrt(range2), np.sqrt(across2), np.zeros_like(x)
-    rows = [
-        np.stack([x / range_m, y / range_m, z / range_m], axis=-1),
-        np.stack([-y / across2, x / across2, zero], axis=-1),
-        np.stack([-x * z / (across_m * range2), -y * z / (across_m * range2), across_m / range2], axis=-1),
-    ]
-    return np.asarray(np.stack(rows, axis=-2) @ sonar_from_world[..., :3, :3])
 
 
 def _key(range_m: FloatArray, bearing_rad: FloatArray) -> FloatArray:

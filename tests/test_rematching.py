@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from asfm.config import Config
 from asfm.frontend.rematching import add_matches, rematch
-from asfm.frontend.solved import SolvedTracks, predict_sightings, project_slopes
+from asfm.frontend.solved import SolvedTracks, predict_sightings
 from asfm.frontend.tracks import build_tracks
 from asfm.poses import invert, make_pose, transform
 from asfm.sonar import SonarModel, back_project, feature_sigma, project
@@ -264,13 +264,3 @@ def test_predictions_lie_where_points_are_seen_and_as_surely_as_stated() -> None
         np.testing.assert_allclose(predicted.bearing_rad, frame.bearing_rad[at], atol=1e-9)
         squares.append(np.sqrt(predicted.covariance[:, 0, 0]) / feature_sigma(SONAR, CONFIG.noise)[0])
     assert 0.1 < float(np.median(squares)) < 1.2, "seven or eight views tell a point better than one"
-
-
-def test_slopes_are_those_of_the_projection() -> None:
-    rng = np.random.default_rng(3)
-    pose = make_pose(rng.normal(size=3), Rotation.from_rotvec(rng.normal(size=3)))
-    xyz_m = transform(invert(pose), back_project(np.array(4.0), np.array(0.3), 0.1))
-    slopes = project_slopes(transform(pose, xyz_m), pose)
-    for axis, step in enumerate(1e-6 * np.eye(3)):
-        ahead, behind = (np.stack(project(transform(pose, xyz_m + sign * step))) for sign in (1, -1))
-        np.testing.assert_allclose(slopes[:, axis], (ahead - behind) / 2e-6, atol=1e-7)

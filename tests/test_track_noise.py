@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from asfm.backend.track_noise import NARROWEST, WIDEST, estimate_track_noise
+from asfm.backend.track_noise import NARROWEST, WIDEST, estimate_track_noise, measure_persistence
 
 
 def test_noisy_tracks_are_told_from_sharp_ones() -> None:
@@ -41,3 +41,41 @@ def test_perfect_or_no_observations_leave_every_track_as_it_is() -> None:
     nothing = np.zeros(0, dtype=np.int64)
     np.testing.assert_array_equal(estimate_track_noise(track, np.ones(20, dtype=bool), np.zeros((20, 2))), np.ones(4))
     assert estimate_track_noise(nothing, nothing.astype(bool), np.zeros((0, 2))).shape == (0,)
+
+
+def make_lasting(memory: float, tracks: int, length: int, rng: np.random.Generator) -> np.ndarray:
+    """Errors of unit variance whose neighbours are correlated so: (tracks, length, 2)."""
+    errors = rng.normal(size=(tracks, length, 2))
+    for step in range(1, length):
+        errors[:, step] = memory * errors[:, step - 1] + np.sqrt(1 - memory**2) * errors[:, step]
+    return errors
+
+
+def test_errors_that_last_weigh_more_than_errors_of_one_size_that_do_not() -> None:
+    errors = make_lasting(0.0, 200, 40, np.random.default_rng(2))
+    errors[:40] = make_lasting(0.8, 40, 40, np.random.default_rng(3))
+    track = np.repeat(np.arange(200), 40)
+    found = estimate_track_noise(track, np.ones(len(track), dtype=bool), errors.reshape(-1, 2))
+    assert np.median(found[:40]) > 1.4 and np.median(found[40:]) == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.3, 0.6])
+def test_persistence_is_the_root_of_the_long_run_variance_over_the_variance(memory: float) -> None:
+    errors = make_lasting(memory, 3000, 30, np.random.default_rng(4))
+    track = np.repeat(np.arange(3000), 30)
+    left = errors - errors.mean(axis=1, keepdims=True)  # as a fitted point leaves them
+    found = measure_persistence(track, np.ones(len(track), dtype=bool), left.reshape(-1, 2))
+    true = np.sqrt(30 * errors.mean(axis=1).var(axis=0))
+    np.testing.assert_allclose(found, true, rtol=0.12)
+
+
+def test_persistence_counts_what_is_observed_and_needs_long_tracks() -> None:
+    errors = make_lasting(0.9, 50, 20, np.random.default_rng(5)).reshape(-1, 2)
+    track, observed = np.repeat(np.arange(50), 20), np.zeros(1000, dtype=bool)
+    np.testing.assert_array_equal(measure_persistence(track, observed, errors), [1, 1])
+    observed.reshape(50, 20)[:, :4] = True
+    np.testing.assert_array_equal(measure_persistence(track, observed, errors), [1, 1])
+    observed[:] = True
+    assert (measure_persistence(track, observed, errors) > 2).all()
+    np.testing.assert_array_equal(measure_persistence(track, observed, np.zeros((1000, 2))), [1, 1])
+    assert (measure_persistence(track, observed, np.tile([1.0, -1.0], (1000, 1))) < 5).all(), "bounded memory"

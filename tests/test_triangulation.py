@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asfm.backend.triangulation import Gate, project_jacobian, triangulate_tracks, whitened_residuals
+from asfm.backend.triangulation import Gate, triangulate_tracks, whitened_residuals
 from asfm.poses import invert, make_pose, transform
-from asfm.sonar import SonarModel, back_project, project
+from asfm.sonar import SonarModel, back_project, project, project_jacobian
 from asfm.types import FloatArray, IntArray, Tracks
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (500, 128), np.deg2rad(20))
