@@ -12,6 +12,7 @@ from asfm.backend.repeats import drop_repeats
 from asfm.backend.solution import Solution, solve_tracks
 from asfm.backend.start import Start, check_start, mend_start, start_from_odometry, start_from_tracks
 from asfm.backend.support import describe_support
+from asfm.backend.twist import untwist
 from asfm.backend.uncertainty import measure_uncertainty
 from asfm.backend.witness import list_sightings
 from asfm.config import Config
@@ -146,7 +147,8 @@ def solve(
         solution = optimise(sequence, keypoints, candidates, start, config, clock)
     if not start.sensors.measured:
         with clock.stage("relax"):
-            solution = choose_image(relax_motion(solution, sequence, config))
+            solution = untwist(relax_motion(solution, sequence, config), sequence, config)
+            solution = choose_image(solution)
     return sequence, solution, (*start.sensors.warnings, *repeats, *calibration.describe())
 
 

@@ -17,7 +17,7 @@ SPAN = 10
 
 
 def relax_motion(solution: Solution, sequence: Sequence, config: Config) -> Solution:
-    """Adjust once more with a motion prior that the motion found so far does not strain.
+    """Adjust once more with a motion prior that the turns found so far do not strain.
 
     The prior that the vehicle moves little must be tight as long as poses are far from the truth: else they settle
     where they should not. At the end it does harm: it counts the steps as independent, but vehicles turn on for many
@@ -25,25 +25,25 @@ def relax_motion(solution: Solution, sequence: Sequence, config: Config) -> Solu
 
     Solutions with odometry are left as they are: their steps are measurements.
     """
-    if solution.problem.sensors.measured or len(solution.problem.sensors.steps) < 1 or not solution.observed.any():
+    sensors = solution.problem.sensors
+    if sensors.measured or not len(sensors.steps) or not solution.observed.any():
         return solution
     poses = solution.bundle.world_from_vehicle
-    sensors = loosen_steps(solution.problem.sensors, poses, config.backend.motion_prior_factor)
-    return solve_tracks(solution.tracks, sequence, poses, sensors, config)
+    return solve_tracks(solution.tracks, sequence, poses, loosen_turns(sensors, poses), config)
 
 
-def loosen_steps(sensors: SensorConstraints, world_from_vehicle: FloatArray, factor: float) -> SensorConstraints:
-    """Widen the guessed steps' sigmas until independent steps add up to what the motion adds up to over a span.
+def loosen_turns(sensors: SensorConstraints, world_from_vehicle: FloatArray) -> SensorConstraints:
+    """Widen the guessed steps' rotations until independent steps add up to what the turns add up to over a span.
 
-    The sigma of a step is the root mean square of the motion over n frames, over the root of n, times a factor. For
-    independent steps that is their own root mean square; for steady motions it is larger by up to the root of n.
+    The sigma of a step is the root mean square of the turn over n frames, over the root of n. For independent steps
+    that is their own root mean square; for steady turns it is larger by the root of n. Translations are left as they
+    are: their prior comes from planar motions, which show the largest of them, but no rolls and pitches.
 
     Args:
         world_from_vehicle: (N, 4, 4), N > 1.
-        factor: times the typical motion.
     """
     count = min(SPAN, len(world_from_vehicle) - 1)
-    motion = invert(world_from_vehicle[:-count]) @ world_from_vehicle[count:]
-    rotation_rad = Rotation.from_matrix(motion[:, :3, :3]).as_rotvec()
-    typical = np.sqrt([np.mean(rotation_rad**2) / count, np.mean(motion[:, :3, 3] ** 2) / count])
-    return replace(sensors, step_sigma=np.maximum(sensors.step_sigma, factor * typical))
+    turn = invert(world_from_vehicle[:-count]) @ world_from_vehicle[count:]
+    rotation_rad = Rotation.from_matrix(turn[:, :3, :3]).as_rotvec()
+    typical_rad = float(np.sqrt(np.mean(rotation_rad**2) / count))
+    return replace(sensors, step_sigma=np.maximum(sensors.step_sigma, [typical_rad, 0.0]))
