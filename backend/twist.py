@@ -41,7 +41,13 @@ class Yardstick:
 
 
 def untwist(solution: Solution, sequence: Sequence, config: Config) -> Solution:
-    """Mirror the frames after the likeliest twist, adjust, and keep what fits better."""
+    """Mirror the frames after the likeliest twist, adjust, and keep what fits better.
+
+    Odometry, depth or attitude tell the images of every frame apart: with them, solutions are left as they are.
+    """
+    sensors = solution.problem.sensors
+    if sensors.measured or len(sensors.z_roll_pitch) or not solution.observed.any():
+        return solution
     tracks, poses = solution.tracks, solution.bundle.world_from_vehicle
     yardstick = make_yardstick(solution, sequence, config)
     frames, misfit = scan_twists(tracks, poses, sequence, yardstick)
@@ -49,7 +55,7 @@ def untwist(solution: Solution, sequence: Sequence, config: Config) -> Solution:
     if twist is None:
         return solution
     turned = reflect_after(poses, twist, sequence.vehicle_from_sonar)
-    other = solve_tracks(tracks, sequence, turned, solution.problem.sensors, config)
+    other = solve_tracks(tracks, sequence, turned, sensors, config)
     better = measure_misfit(other, sequence, yardstick) < measure_misfit(solution, sequence, yardstick)
     return other if better else solution
 
