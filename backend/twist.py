@@ -56,8 +56,7 @@ def untwist(solution: Solution, sequence: Sequence, config: Config) -> Solution:
         return solution
     turned = reflect_after(poses, twist, sequence.vehicle_from_sonar)
     other = solve_tracks(tracks, sequence, turned, sensors, config)
-    better = measure_misfit(other, sequence, yardstick) < measure_misfit(solution, sequence, yardstick)
-    return other if better else solution
+    return other if compare_misfits(solution, other, sequence, yardstick) < 0 else solution
 
 
 def reflect_after(world_from_vehicle: FloatArray, frame: int, vehicle_from_sonar: FloatArray) -> FloatArray:
@@ -117,15 +116,23 @@ def choose_dip(frames: IntArray, misfit: FloatArray) -> int | None:
     return min(dips)[1] if dips else None
 
 
-def measure_misfit(solution: Solution, sequence: Sequence, yardstick: Yardstick) -> float:
-    """Sum the squared residuals of all observations, truncated; those of tracks without a point count in full."""
-    tracks, bundle = solution.tracks, solution.bundle
+def compare_misfits(first: Solution, second: Solution, sequence: Sequence, yardstick: Yardstick) -> float:
+    """Give the squared residuals, truncated, of a second solution less those of a first one.
+
+    Over the tracks that both have points of: what one of them has dropped is as likely a wrong track as a telling one.
+    """
+    both = (first.bundle.in_graph & second.bundle.in_graph)[first.tracks.track]
+    before, after = (_square_residuals(solution, sequence, yardstick)[both].sum() for solution in (first, second))
+    return float(after - before)
+
+
+def _square_residuals(solution: Solution, sequence: Sequence, yardstick: Yardstick) -> FloatArray:
+    """Squared residual of every observation, how far it lies outside the beam included, truncated: (O,)."""
+    tracks, bundle, gate = solution.tracks, solution.bundle, yardstick.gate
     sonar_from_world = invert(bundle.world_from_vehicle @ sequence.vehicle_from_sonar)[tracks.frame]
     residual, elevation_rad = whitened_residuals(bundle.xyz_m, tracks, sonar_from_world, yardstick.sigma)
-    gate = yardstick.gate
     outside = np.maximum(np.abs(elevation_rad) - gate.half_aperture_rad, 0) / gate.edge_rad
-    squares = np.where(bundle.in_graph[tracks.track], (residual**2).sum(axis=1) + outside**2, np.inf)
-    return float(np.minimum(squares, gate.truncation**2).sum())
+    return np.asarray(np.minimum((residual**2).sum(axis=1) + outside**2, gate.truncation**2))
 
 
 def _fit_points(

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from asfm.backend.sensors import SensorConstraints, sensor_constraints
 from asfm.backend.solution import solve_tracks
-from asfm.backend.twist import choose_dip, make_yardstick, measure_misfit, reflect_after, scan_twists, untwist
+from asfm.backend.twist import choose_dip, compare_misfits, make_yardstick, reflect_after, scan_twists, untwist
 from asfm.config import BackendConfig, load_config
 from asfm.poses import invert, make_pose, transform
 from asfm.sequence import Sequence
@@ -90,7 +90,9 @@ def test_a_twist_is_found_and_set_right() -> None:
     before, after = (roll_rad(solution.bundle.world_from_vehicle) - roll_rad(truth) for solution in (twisted, right))
     assert np.abs(before).max() > 0.3 > 0.1 > np.abs(after).max(), "the optimisation alone does not leave the twist"
     yardstick = make_yardstick(twisted, sequence, config)
-    assert measure_misfit(right, sequence, yardstick) < measure_misfit(twisted, sequence, yardstick)
+    assert (
+        compare_misfits(twisted, right, sequence, yardstick) < 0 == compare_misfits(right, right, sequence, yardstick)
+    )
 
 
 @pytest.mark.parametrize("prepare", ["right", "measured", "levels", "nothing"])
