@@ -7,7 +7,7 @@ import numpy as np
 from asfm.backend.landmarks import describe_landmarks
 from asfm.backend.mirror import admit_mirror, choose_image, describe_mirror, find_mirror
 from asfm.backend.observability import SPAN, describe_reliability
-from asfm.backend.relaxation import relax_motion
+from asfm.backend.relaxation import discount_prior, relax_motion
 from asfm.backend.repeats import drop_repeats
 from asfm.backend.solution import Solution, solve_tracks
 from asfm.backend.start import Start, check_start, mend_start, start_from_odometry, start_from_tracks
@@ -148,7 +148,7 @@ def solve(
     if not start.sensors.measured:
         with clock.stage("relax"):
             solution = untwist(relax_motion(solution, sequence, config), sequence, config)
-            solution = choose_image(solution)
+            solution = discount_prior(choose_image(solution), config.backend.motion_prior_factor)
     return sequence, solution, (*start.sensors.warnings, *repeats, *calibration.describe())
 
 

@@ -19,9 +19,9 @@ from asfm.sequence import Sequence
 from asfm.sonar import feature_sigma
 from asfm.types import FloatArray, IntArray, Tracks
 
-STRIDE = 3
+STRIDE = 4
 """Frames between two that are tried: a twist takes place over several."""
-MOST_TRACKS = 40
+MOST_TRACKS = 30
 """Tracks that a frame is judged by: those that reach farthest to both sides."""
 ELEVATIONS = 9
 """Fewer than triangulation tries by default: misfits are only compared."""

@@ -2,11 +2,12 @@
 
 from dataclasses import replace
 
+import gtsam
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asfm.backend.relaxation import SPAN, loosen_turns, relax_motion
+from asfm.backend.relaxation import SPAN, discount_prior, loosen_turns, relax_motion
 from asfm.backend.sensors import SensorConstraints, sensor_constraints
 from asfm.backend.solution import Solution, solve_tracks
 from asfm.backend.uncertainty import measure_uncertainty
@@ -59,8 +60,8 @@ def test_a_prior_is_never_narrowed() -> None:
     np.testing.assert_array_equal(found.step_sigma, sensors.step_sigma)
 
 
-def test_slow_rolls_are_not_held_back() -> None:
-    """Rolls that a tight prior draws to zero by many of the stated sigmas come out within a few of them."""
+def make_case() -> tuple[Solution, Sequence, FloatArray]:
+    """Solve a motion with slow rolls under a prior that is tight in rotation."""
     frames, rng = 30, np.random.default_rng(5)
     along = np.arange(frames)
     angles = np.stack([0.1 * np.sin(along / 9), 0.1 * np.sin(along / 7), 0.4 * np.sin(along / 10)], axis=1)
@@ -75,9 +76,14 @@ def test_slow_rolls_are_not_held_back() -> None:
     error = rng.normal(0, 0.3, (len(track), 2)) * sigma  # sigmas are widened for errors that a track has in common
     tracks = Tracks(track, frame, range_m + error[:, 0], bearing_rad + error[:, 1], sigma=sigma)
     sequence = Sequence("made up", SONAR, along.astype(float), _no_frame)
-    config = load_config()
-    tight = solve_tracks(tracks, sequence, truth, make_sensors(frames, (0.01, 0.05)), config)
-    relaxed = relax_motion(tight, sequence, config)
+    tight = solve_tracks(tracks, sequence, truth, make_sensors(frames, (0.01, 0.05)), load_config())
+    return tight, sequence, truth
+
+
+def test_slow_rolls_are_not_held_back() -> None:
+    """Rolls that a tight prior draws to zero by many of the stated sigmas come out within a few of them."""
+    tight, sequence, truth = make_case()
+    relaxed = relax_motion(tight, sequence, load_config())
     assert roll_errors(relaxed, truth) < 2 < roll_errors(tight, truth)
     wider = relaxed.problem.sensors.step_sigma / tight.problem.sensors.step_sigma
     assert (wider[:, 0] > 2).all() and (wider[:, 1] == 1).all()
@@ -103,3 +109,28 @@ def test_measured_steps_are_left_as_they_are() -> None:
     none = replace(solution, observed=np.zeros(4, dtype=bool))
     none = replace(none, problem=replace(none.problem, sensors=make_sensors(frames, (0.01, 0.01))))
     assert relax_motion(none, sequence, load_config()) is none
+
+
+def test_a_prior_that_is_discounted_is_no_knowledge() -> None:
+    """Poses stay; covariances become those of the same graph with wider steps, and never smaller."""
+    tight, _, _ = make_case()
+    stated = discount_prior(tight, 1.5)
+    assert stated.bundle.values is tight.bundle.values
+    before, after = (measure_uncertainty(s.bundle, s.relief).pose for s in (tight, stated))
+    growth = np.linalg.eigvalsh(after - before)
+    assert growth.min() > -1e-6 * growth.max() and after[-1, 0, 0] > 1.5 * before[-1, 0, 0]
+    unchanged = discount_prior(tight, 1e-3)
+    np.testing.assert_allclose(measure_uncertainty(unchanged.bundle, unchanged.relief).pose, before, rtol=1e-9)
+    wide = stated.problem.sensors.step_sigma
+    np.testing.assert_allclose(
+        2 * (stated.bundle.measured.error(stated.bundle.values) - tight.bundle.measured.error(tight.bundle.values)),
+        square_steps(tight, wide) - square_steps(tight, tight.problem.sensors.step_sigma),
+        rtol=1e-6,
+    )
+
+
+def square_steps(solution: Solution, sigma: FloatArray) -> float:
+    """Sum the squared whitened residuals of steps that are guessed to be none."""
+    poses = solution.bundle.world_from_vehicle
+    motion = np.array([gtsam.Pose3.Logmap(gtsam.Pose3(step)) for step in invert(poses[:-1]) @ poses[1:]])
+    return float(((motion / np.repeat(sigma, 3, axis=1)) ** 2).sum())
