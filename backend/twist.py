@@ -27,6 +27,8 @@ ELEVATIONS = 9
 """Fewer than triangulation tries by default: misfits are only compared."""
 LEAST_DIP = 0.05
 """How far the relative misfit must fall below what lies to both sides to count as a dip, not as chance."""
+LEAST_ODDS = 3.0
+"""Logarithm of the odds from which on another solution is taken: 20 to 1."""
 NEAREST_END = 2
 """Frames before the first and after the last one that is tried."""
 
@@ -56,7 +58,8 @@ def untwist(solution: Solution, sequence: Sequence, config: Config) -> Solution:
         return solution
     turned = reflect_after(poses, twist, sequence.vehicle_from_sonar)
     other = solve_tracks(tracks, sequence, turned, sensors, config)
-    return other if compare_misfits(solution, other, sequence, yardstick) < 0 else solution
+    odds = compare_fits(solution, other, sequence, yardstick, config.backend.track_correlation)
+    return other if odds > LEAST_ODDS else solution
 
 
 def reflect_after(world_from_vehicle: FloatArray, frame: int, vehicle_from_sonar: FloatArray) -> FloatArray:
@@ -116,14 +119,20 @@ def choose_dip(frames: IntArray, misfit: FloatArray) -> int | None:
     return min(dips)[1] if dips else None
 
 
-def compare_misfits(first: Solution, second: Solution, sequence: Sequence, yardstick: Yardstick) -> float:
-    """Give the squared residuals, truncated, of a second solution less those of a first one.
+def compare_fits(
+    first: Solution, second: Solution, sequence: Sequence, yardstick: Yardstick, correlation: float
+) -> float:
+    """Give the logarithm of the odds of a second solution to a first one.
 
-    Over the tracks that both have points of: what one of them has dropped is as likely a wrong track as a telling one.
+    Half the difference of their squared residuals, truncated; those of a track with n observations count as
+    1 / (1 + (n - 1) rho), as in the graph, and without the slack that triangulation gives their sigmas. Only tracks
+    that both have points of: what one of them has dropped is as likely a wrong track as a telling one.
     """
-    both = (first.bundle.in_graph & second.bundle.in_graph)[first.tracks.track]
-    before, after = (_square_residuals(solution, sequence, yardstick)[both].sum() for solution in (first, second))
-    return float(after - before)
+    tracks = first.tracks
+    both = (first.bundle.in_graph & second.bundle.in_graph)[tracks.track]
+    weight = both / (1 + correlation * (np.bincount(tracks.track)[tracks.track] - 1))
+    before, after = (_square_residuals(solution, sequence, yardstick) @ weight for solution in (first, second))
+    return GUESSED_SLACK**2 * float(before - after) / 2
 
 
 def _square_residuals(solution: Solution, sequence: Sequence, yardstick: Yardstick) -> FloatArray:

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from asfm.backend.sensors import SensorConstraints, sensor_constraints
 from asfm.backend.solution import solve_tracks
-from asfm.backend.twist import choose_dip, compare_misfits, make_yardstick, reflect_after, scan_twists, untwist
+from asfm.backend.twist import LEAST_ODDS, choose_dip, compare_fits, make_yardstick, reflect_after, scan_twists, untwist
 from asfm.config import BackendConfig, load_config
 from asfm.poses import invert, make_pose, transform
 from asfm.sequence import Sequence
@@ -37,8 +37,8 @@ def make_motion() -> FloatArray:
 def make_tracks(poses: FloatArray) -> Tracks:
     """Points that are seen in up to fifteen frames each, with a little noise."""
     rng = np.random.default_rng(7)
-    middle = rng.integers(0, FRAMES, 160)
-    in_sonar = rng.uniform([3.0, -1.5, -0.5], [6.0, 1.5, 0.5], (160, 3))
+    middle = rng.integers(0, FRAMES, 500)
+    in_sonar = rng.uniform([3.0, -1.5, -0.5], [6.0, 1.5, 0.5], (500, 3))
     points = transform((poses @ LEVER_ARM)[middle], in_sonar)
     seen = transform(invert(poses @ LEVER_ARM), points[:, None])
     near = np.abs(np.arange(FRAMES) - middle[:, None]) <= 7
@@ -90,9 +90,8 @@ def test_a_twist_is_found_and_set_right() -> None:
     before, after = (roll_rad(solution.bundle.world_from_vehicle) - roll_rad(truth) for solution in (twisted, right))
     assert np.abs(before).max() > 0.3 > 0.1 > np.abs(after).max(), "the optimisation alone does not leave the twist"
     yardstick = make_yardstick(twisted, sequence, config)
-    assert (
-        compare_misfits(twisted, right, sequence, yardstick) < 0 == compare_misfits(right, right, sequence, yardstick)
-    )
+    assert compare_fits(twisted, right, sequence, yardstick, 1.0) > LEAST_ODDS
+    assert compare_fits(right, right, sequence, yardstick, 1.0) == 0
 
 
 @pytest.mark.parametrize("prepare", ["right", "measured", "levels", "nothing"])
