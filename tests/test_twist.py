@@ -15,7 +15,7 @@ from asfm.sequence import Sequence
 from asfm.sonar import SonarModel, project
 from asfm.types import FloatArray, Frame, Tracks
 
-SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (500, 128), np.deg2rad(20))
+SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (1500, 256), np.deg2rad(20))
 LEVER_ARM = make_pose(np.array([0.2, -0.1, -0.1]), Rotation.from_euler("ZYX", [0.1, 0.05, 0.0]))
 FRAMES, TWIST = 41, 20
 
