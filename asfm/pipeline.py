@@ -5,11 +5,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from asfm.backend.landmarks import describe_landmarks
+from asfm.backend.mirror import admit_mirror, choose_image, describe_mirror, find_mirror
 from asfm.backend.observability import SPAN, describe_reliability
+from asfm.backend.relaxation import discount_prior, relax_motion
 from asfm.backend.repeats import drop_repeats
 from asfm.backend.solution import Solution, solve_tracks
 from asfm.backend.start import Start, check_start, mend_start, start_from_odometry, start_from_tracks
 from asfm.backend.support import describe_support
+from asfm.backend.twist import untwist
 from asfm.backend.uncertainty import measure_uncertainty
 from asfm.backend.witness import list_sightings
 from asfm.config import Config
@@ -145,6 +148,10 @@ def solve(
         sequence, keypoints, candidates = apply_calibration(calibration, sequence, keypoints, candidates)
         start = replace(start, world_from_vehicle=solution.bundle.world_from_vehicle)
         solution = optimise(sequence, keypoints, candidates, start, config, clock)
+    if not start.sensors.measured:
+        with clock.stage("relax"):
+            solution = untwist(relax_motion(solution, sequence, config), sequence, config)
+            solution = discount_prior(choose_image(solution), config.backend.motion_prior_factor)
     return sequence, solution, (*start.sensors.warnings, *repeats, *calibration.describe())
 
 
@@ -221,17 +228,20 @@ def conclude(
     """Describe the landmarks and say what the poses rest on."""
     with clock.stage("landmarks") as report:
         uncertainty = measure_uncertainty(solution.bundle, solution.relief, min(SPAN, len(sequence) - 1))
-        landmarks = describe_landmarks(solution, uncertainty.point_m2, sequence, config)
+        mirror = find_mirror(solution)
+        stated = admit_mirror(uncertainty, solution, mirror)
+        landmarks = describe_landmarks(solution, stated.point_m2, sequence, config)
         report.counts = {"landmarks": len(landmarks), "well constrained": int(landmarks.well_constrained.sum())}
     return Reconstruction(
         trajectory=Trajectory(sequence.timestamps_s, solution.bundle.world_from_vehicle),
         tracks=solution.tracks,
         observed=solution.observed,
         landmarks=landmarks,
-        pose_covariance=uncertainty.pose,
+        pose_covariance=stated.pose,
         warnings=(
             *warnings,
             *describe_support(sequence, solution, config),
+            *describe_mirror(uncertainty, solution.bundle, mirror),
             *describe_reliability(solution, uncertainty),
         ),
     )

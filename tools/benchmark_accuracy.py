@@ -127,7 +127,11 @@ def _measure_run(
         path_m=path_length_m(truth),
         odometry_ate_m=row.odometry,
         bound_m=bound,
-        nees=measure_nees(solution, align_first_pose(truth, poses) @ truth if mode == "sonar" else truth),
+        nees=measure_nees(
+            solution,
+            align_first_pose(truth, poses) @ truth if mode == "sonar" else truth,
+            result.pose_covariance,
+        ),
         landmarks=None if read_truth is None else judge_landmarks(result, sequence, read_truth, mode == "sonar"),
         distrusted=any(DISTRUST.search(warning) for warning in result.warnings),
     )

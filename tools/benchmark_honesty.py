@@ -67,7 +67,7 @@ def true_poses(sequence: Sequence) -> FloatArray:
     )
 
 
-def measure_nees(solution: Solution, truth: FloatArray) -> tuple[float, float] | None:
+def measure_nees(solution: Solution, truth: FloatArray, stated: FloatArray | None = None) -> tuple[float, float] | None:
     """Set the errors of position and attitude over their covariances: e' C^-1 e / 3, mean over frames.
 
     Errors are taken in the tangent space at the estimate (GTSAM's: rotation first, then translation, vehicle's frame).
@@ -76,6 +76,8 @@ def measure_nees(solution: Solution, truth: FloatArray) -> tuple[float, float] |
     Args:
         solution: its graph gives the covariances.
         truth: (N, 4, 4) true poses in the same world, or with the same first pose where there is none.
+        stated: (N, 6, 6) covariances to judge in the place of the graph's own: those of the run's reconstruction, which
+            count in that the scene may be mirrored.
 
     Returns:
         position's and attitude's, both 1 where covariances are true; None where the graph cannot be factorised.
@@ -85,7 +87,7 @@ def measure_nees(solution: Solution, truth: FloatArray) -> tuple[float, float] |
     try:
         marginals = gtsam.Marginals(bundle.graph, bundle.values)
         for frame in range(1, len(truth)):
-            covariance = marginals.marginalCovariance(FIRST_POSE + frame)
+            covariance = marginals.marginalCovariance(FIRST_POSE + frame) if stated is None else stated[frame]
             error = gtsam.Pose3(bundle.world_from_vehicle[frame]).localCoordinates(gtsam.Pose3(truth[frame]))
             squares.append([_normalise(error[part], covariance[part, part]) for part in (slice(3, 6), slice(0, 3))])
     except RuntimeError:
