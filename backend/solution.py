@@ -10,7 +10,7 @@ from asfm.backend.pose_errors import remove_pose_errors
 from asfm.backend.problem import BundleProblem
 from asfm.backend.selection import cap_observations
 from asfm.backend.sensors import SensorConstraints
-from asfm.backend.track_noise import estimate_track_noise, measure_persistence
+from asfm.backend.track_noise import LAGS, estimate_track_noise, measure_persistence
 from asfm.backend.triangulation import Gate, triangulate_tracks
 from asfm.config import Config
 from asfm.sequence import Sequence
@@ -63,19 +63,30 @@ def solve_tracks(
     observed = found.agrees & (views >= config.tracks.min_views)[tracks.track]
     observed = cap_observations(tracks, observed, sigma, config.backend.max_views)
     views = np.bincount(tracks.track, observed, minlength=tracks.count)
-    residual = remove_pose_errors(tracks, observed, found.residual, wide, found.xyz_m, world_from_sonar)
-    widened = estimate_track_noise(tracks.track, observed, residual) * _correlation_factor(views, config)
-    lasting = measure_persistence(tracks.track, observed, residual)
+    residual = found.residual
+    if sensors.measured:
+        residual = remove_pose_errors(tracks, observed, residual, wide, found.xyz_m, world_from_sonar)
+    noise = _estimate_noise(tracks.track, observed, residual, sensors.measured)
     problem = BundleProblem(
         tracks=tracks,
         observed=observed,
-        sigma=sigma * widened[tracks.track][:, None] * lasting,
+        sigma=sigma * noise * _correlation_factor(views, config)[tracks.track][:, None],
         sensors=sensors,
         vehicle_from_sonar=sequence.vehicle_from_sonar,
         half_aperture_rad=gate.half_aperture_rad,
     )
     bundle = adjust_bundle(problem, world_from_vehicle, found.xyz_m)
     return Solution(tracks, observed, bundle, problem, _relieve(views, config))
+
+
+def _estimate_noise(track: IntArray, observed: BoolArray, residual: FloatArray, measured: bool) -> FloatArray:
+    """Estimate the (O, 2) factors of the sigmas of range and bearing that the residuals show.
+
+    What lasts from frame to frame counts where the motion is measured. Poses that are guessed err by more than a linear
+    fit takes out of the residuals, and what lasts there is mostly their error.
+    """
+    noise = estimate_track_noise(track, observed, residual, LAGS if measured else 0)
+    return noise[track][:, None] * (measure_persistence(track, observed, residual) if measured else np.ones(2))
 
 
 def _relieve(views: IntArray, config: Config) -> FloatArray:

@@ -11,33 +11,34 @@ NARROWEST, WIDEST = 0.5, 3.0
 UNKNOWNS = 3
 """A point has as many coordinates, which its residuals have been fitted with."""
 LAGS = 3
-"""Observations so far apart in a track still count as having errors in common."""
+"""Errors of features last about so many frames."""
 LONG = 8
 """Shorter tracks do not tell whether errors last."""
 LONGEST_MEMORY = 0.9
 """Correlation of neighbouring errors that is not believed to be exceeded."""
 
 
-def estimate_track_noise(track: IntArray, observed: BoolArray, residual: FloatArray) -> FloatArray:
+def estimate_track_noise(track: IntArray, observed: BoolArray, residual: FloatArray, lags: int = 0) -> FloatArray:
     """Compare the residuals of each track with those of the typical track.
 
     Features that slide, along an edge or around something round, agree worse with one point than others do, however
-    sharp they look, and their errors last from frame to frame. What counts is therefore the variance of the mean of
-    many residuals (the long-run variance of Newey and West 1987, Bartlett weights over :data:`LAGS`). Tracks of few
-    observations stay near the typical one: the estimate is the root of the posterior variance under an inverse
-    chi-square prior of :data:`PRIOR_FREEDOM` degrees.
+    sharp they look, and their errors last from frame to frame. With lags, what counts is therefore the variance of the
+    mean of many residuals (the long-run variance of Newey and West 1987, Bartlett weights). Tracks of few observations
+    stay near the typical one: the estimate is the root of the posterior variance under an inverse chi-square prior of
+    :data:`PRIOR_FREEDOM` degrees.
 
     Args:
         track: (O,) number of each observation's track, rising.
         observed: (O,) which observations count.
         residual: (O, 2) whitened residuals of range and bearing.
+        lags: observations so far apart in a track count as having errors in common.
 
     Returns:
         (T,) standard deviation over the typical one, 1 for tracks without observations.
     """
     count = int(track[-1]) + 1 if len(track) else 0
     views = np.bincount(track, observed, minlength=count)
-    squares = _sum_long_run(track[observed], residual[observed], count)
+    squares = _sum_long_run(track[observed], residual[observed], count, lags)
     freedom = np.maximum(2 * views - UNKNOWNS, 0)
     told = freedom > 0
     typical = float(np.median(squares[told] / freedom[told])) if told.any() else 0.0
@@ -73,11 +74,11 @@ def measure_persistence(track: IntArray, observed: BoolArray, residual: FloatArr
     return np.asarray(np.sqrt((1 + memory) / (1 - memory)))
 
 
-def _sum_long_run(track: IntArray, residual: FloatArray, count: int) -> FloatArray:
+def _sum_long_run(track: IntArray, residual: FloatArray, count: int, lags: int) -> FloatArray:
     """Sum squares and weighted products of neighbours, track by track: (T,), never negative."""
     total = np.bincount(track, (residual**2).sum(axis=1), minlength=count)
-    for lag in range(1, LAGS + 1):
+    for lag in range(1, lags + 1):
         same = track[lag:] == track[:-lag]
         product = (residual[lag:] * residual[:-lag]).sum(axis=1)
-        total = total + 2 * (1 - lag / (LAGS + 1)) * np.bincount(track[lag:][same], product[same], minlength=count)
+        total = total + 2 * (1 - lag / (lags + 1)) * np.bincount(track[lag:][same], product[same], minlength=count)
     return np.maximum(total, 0.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from asfm.backend.track_noise import NARROWEST, WIDEST, estimate_track_noise, measure_persistence
+from asfm.backend.track_noise import LAGS, NARROWEST, WIDEST, estimate_track_noise, measure_persistence
 
 
 def test_noisy_tracks_are_told_from_sharp_ones() -> None:
@@ -55,7 +55,10 @@ def test_errors_that_last_weigh_more_than_errors_of_one_size_that_do_not() -> No
     errors = make_lasting(0.0, 200, 40, np.random.default_rng(2))
     errors[:40] = make_lasting(0.8, 40, 40, np.random.default_rng(3))
     track = np.repeat(np.arange(200), 40)
-    found = estimate_track_noise(track, np.ones(len(track), dtype=bool), errors.reshape(-1, 2))
+    plain, found = (
+        estimate_track_noise(track, np.ones(len(track), dtype=bool), errors.reshape(-1, 2), lags) for lags in (0, LAGS)
+    )
+    np.testing.assert_allclose(np.median(plain[:40]), 1.0, atol=0.1)
     assert np.median(found[:40]) > 1.4 and np.median(found[40:]) == pytest.approx(1.0, abs=0.05)
 
 
