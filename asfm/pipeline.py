@@ -151,7 +151,8 @@ def solve(
     if not start.sensors.measured:
         with clock.stage("relax"):
             solution = untwist(relax_motion(solution, sequence, config), sequence, config)
-            solution = discount_prior(choose_image(solution), config.backend.motion_prior_factor)
+            solution = choose_image(solution, config.backend.scene)
+            solution = discount_prior(solution, config.backend.motion_prior_factor)
     return sequence, solution, (*start.sensors.warnings, *repeats, *calibration.describe())
 
 
@@ -228,7 +229,7 @@ def conclude(
     """Describe the landmarks and say what the poses rest on."""
     with clock.stage("landmarks") as report:
         uncertainty = measure_uncertainty(solution.bundle, solution.relief, min(SPAN, len(sequence) - 1))
-        mirror = find_mirror(solution)
+        mirror = find_mirror(solution, config.backend.scene)
         stated = admit_mirror(uncertainty, solution, mirror)
         landmarks = describe_landmarks(solution, stated.point_m2, sequence, config)
         report.counts = {"landmarks": len(landmarks), "well constrained": int(landmarks.well_constrained.sum())}

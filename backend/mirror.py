@@ -16,6 +16,7 @@ from asfm.backend.bundle import Bundle
 from asfm.backend.problem import FIRST_POINT, FIRST_POSE
 from asfm.backend.solution import Solution
 from asfm.backend.uncertainty import Uncertainty
+from asfm.config import Scene
 from asfm.poses import invert, transform
 from asfm.types import BoolArray, FloatArray
 
@@ -50,25 +51,36 @@ def reflect(
     return np.concatenate([world_from_vehicle[:1], poses[1:]]), transform(across, xyz_m)
 
 
-def find_mirror(solution: Solution) -> Mirror:
-    """Reflect a solution and ask its measurements which of the two images is the true one."""
+def find_mirror(solution: Solution, scene: Scene = "unknown") -> Mirror:
+    """Reflect a solution and ask its measurements which of the two images is the true one.
+
+    Args:
+        solution: shows the image that :func:`choose_image` has chosen.
+        scene: where it is known to lie, which excludes the image wherever the measurements do not tell.
+    """
     bundle = solution.bundle
     poses, points = reflect(bundle.world_from_vehicle, bundle.xyz_m, solution.problem.vehicle_from_sonar)
     worse = bundle.measured.error(_make_values(bundle, poses, points)) - bundle.measured.error(bundle.values)
     probability = float(1 / (1 + np.exp(np.clip(worse, -500.0, 500.0))))
-    return Mirror(probability if probability > EXCLUDED else 0.0, poses, points)
+    if probability < EXCLUDED or (scene != "unknown" and _is_undecided(probability)):
+        probability = 0.0
+    return Mirror(probability, poses, points)
 
 
-def choose_image(solution: Solution) -> Solution:
+def choose_image(solution: Solution, scene: Scene = "unknown") -> Solution:
     """Take the other image where the measurements say so, or where they say nothing and it shows a bottom from above.
 
     In one of two images that are equally probable, what is near lies lower than what is far, as on a bottom that is
     seen from above; in the other one it lies higher, as on a hull that is seen from beneath. Sonars look at bottoms
-    more often. That decides which image is shown, not how sure it is.
+    more often. That decides which image is shown, not how sure it is, unless the scene is known to lie there.
+
+    Args:
+        solution: either image.
+        scene: below the sonar, or above it.
     """
     other = find_mirror(solution)
-    told = not UNDECIDED <= other.probability <= 1 - UNDECIDED
-    take = other.probability > 0.5 if told else _rises_with_range(solution) < 0
+    slope = _rises_with_range(solution) * (-1 if scene == "above" else 1)
+    take = slope < 0 if _is_undecided(other.probability) else other.probability > 0.5
     return replace(solution, bundle=_take(solution, other)) if take else solution
 
 
@@ -123,8 +135,8 @@ def describe_mirror(uncertainty: Uncertainty, bundle: Bundle, mirror: Mirror) ->
     return (
         f"the scene and its mirror image at the sonar's first plane explain the measurements alike (probability of the "
         f"image not shown: {mirror.probability:.2g}): heights, roll and pitch may have the other sign; up to "
-        f"{turn_deg:.2g} deg and {shift_m:.2g} m lie between the two, and the sigmas include that; depth, attitude or "
-        "odometry would tell",
+        f"{turn_deg:.2g} deg and {shift_m:.2g} m lie between the two, and the sigmas include that; depth, attitude, "
+        "odometry or backend.scene (below or above the sonar) would tell",
     )
 
 
@@ -138,6 +150,10 @@ def compare_poses(first: FloatArray, second: FloatArray) -> tuple[FloatArray, Fl
     apart = np.array([gtsam.Pose3.Logmap(step) for step in motion]).reshape(-1, 6)
     carry = np.array([gtsam.Pose3.LogmapDerivative(vector) for vector in apart]).reshape(-1, 6, 6)
     return apart, carry
+
+
+def _is_undecided(probability: float) -> bool:
+    return UNDECIDED <= probability <= 1 - UNDECIDED
 
 
 def _square(vectors: FloatArray) -> FloatArray:

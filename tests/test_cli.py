@@ -17,9 +17,10 @@ import typer
 from asfm import __version__
 from asfm.cli import app, main, run_command_line
 from asfm.commands import convert_sequence, evaluate_folder, run_demo, simulate_to
-from asfm.config import Config, load_config
+from asfm.config import Config
 from asfm.datasets import open_sequence, open_truth
 from asfm.datasets.tables import read_tum
+from asfm.settings import load_config
 from asfm.simulation.presets import PRESETS
 from asfm.simulation.scenes import SCENES
 

@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from asfm.config import Config, dump_config, load_config
+from asfm.config import Config
 from asfm.errors import AsfmError
+from asfm.settings import dump_config, load_config
 
 
 def write(folder: Path, text: str) -> Path:

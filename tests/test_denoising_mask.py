@@ -5,9 +5,10 @@ import pytest
 from scipy.ndimage import binary_dilation
 from sklearn.cluster import DBSCAN
 
-from asfm.config import Config, KeypointsConfig, load_config
+from asfm.config import Config, KeypointsConfig
 from asfm.frontend.cfar import detect_cfar
 from asfm.frontend.denoising import detect_mask
+from asfm.settings import load_config
 from asfm.types import BoolArray, Frame, ImageArray
 
 SHAPE = (120, 90)

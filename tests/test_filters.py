@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asfm.config import Config, Filter, MatchingConfig, SslConfig, load_config
+from asfm.config import Config, Filter, MatchingConfig, SslConfig
 from asfm.errors import AsfmError
 from asfm.frontend.filters import FILTERS, Pair, filter_matches
 from asfm.frontend.gating import see_arcs
 from asfm.frontend.matching import Nearest
 from asfm.poses import make_pose, transform
+from asfm.settings import load_config
 from asfm.sonar import SonarModel, back_project, project
 from asfm.types import FloatArray, Keypoints, Matches
 

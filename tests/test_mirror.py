@@ -13,7 +13,7 @@ from asfm.backend.problem import BundleProblem
 from asfm.backend.sensors import SensorConstraints, sensor_constraints
 from asfm.backend.solution import Solution
 from asfm.backend.uncertainty import Uncertainty, measure_uncertainty
-from asfm.config import BackendConfig
+from asfm.config import BackendConfig, Scene
 from asfm.poses import invert, make_pose, transform
 from asfm.sequence import Sequence
 from asfm.sonar import SonarModel, project
@@ -160,6 +160,23 @@ def test_of_two_equal_images_a_bottom_is_shown(slope: float) -> None:
     assert shown.bundle.measured.error(shown.bundle.values) == pytest.approx(
         found.bundle.measured.error(found.bundle.values), rel=0.02
     )
+
+
+@pytest.mark.parametrize("slope", [0.1, -0.1])
+def test_a_scene_known_to_lie_below_or_above_has_one_image(slope: float) -> None:
+    found, _, _ = make_solution(slope=slope)
+    scene: Scene = "below" if slope > 0 else "above"
+    for begun in (found, show_other(found)):
+        shown = choose_image(begun, scene)
+        np.testing.assert_allclose(shown.bundle.world_from_vehicle, found.bundle.world_from_vehicle, atol=1e-9)
+        assert find_mirror(shown, scene).probability == 0.0
+    assert find_mirror(found).probability > 0.3
+
+
+def test_a_scene_said_to_lie_elsewhere_does_not_overrule_sensors() -> None:
+    solution, _, _ = make_solution("odometry")
+    assert choose_image(solution, "above") is solution
+    assert find_mirror(show_other(solution), "above").probability > 0.999
 
 
 def test_what_is_stated_is_the_second_moment_over_both_images() -> None:

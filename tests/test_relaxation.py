@@ -11,9 +11,10 @@ from asfm.backend.relaxation import SPAN, discount_prior, loosen_turns, relax_mo
 from asfm.backend.sensors import SensorConstraints, sensor_constraints
 from asfm.backend.solution import Solution, solve_tracks
 from asfm.backend.uncertainty import measure_uncertainty
-from asfm.config import BackendConfig, load_config
+from asfm.config import BackendConfig
 from asfm.poses import invert, make_pose, transform
 from asfm.sequence import Sequence
+from asfm.settings import load_config
 from asfm.sonar import SonarModel, project
 from asfm.types import FloatArray, Frame, Tracks
 

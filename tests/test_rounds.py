@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from asfm.backend.solution import Solution
-from asfm.config import Config, load_config
+from asfm.config import Config
 from asfm.frontend.correspondences import Correspondences
 from asfm.frontend.solved import SolvedTracks
 from asfm.pipeline import extract, initialise, optimise, reconstruct
 from asfm.recorder import NullRecorder
 from asfm.sequence import Sequence
+from asfm.settings import load_config
 from asfm.simulation.simulate import simulate
 from asfm.stages import StageClock
 from asfm.types import Keypoints, Matches

@@ -9,9 +9,10 @@ from scipy.spatial.transform import Rotation
 from asfm.backend.sensors import SensorConstraints, sensor_constraints
 from asfm.backend.solution import solve_tracks
 from asfm.backend.twist import LEAST_ODDS, choose_dip, compare_fits, make_yardstick, reflect_after, scan_twists, untwist
-from asfm.config import BackendConfig, load_config
+from asfm.config import BackendConfig
 from asfm.poses import invert, make_pose, transform
 from asfm.sequence import Sequence
+from asfm.settings import load_config
 from asfm.sonar import SonarModel, project
 from asfm.types import FloatArray, Frame, Tracks
 

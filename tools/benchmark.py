@@ -32,8 +32,8 @@ from benchmark_runs import RunFailed, describe_run, measure_run, tabulate_reach
 from benchmark_sequences import SEEN, SONARS, list_cases, list_narrow_cases
 from benchmark_solver import compare_factors
 
-from asfm.config import load_config
 from asfm.errors import AsfmError
+from asfm.settings import load_config
 
 CLOCKS: dict[str, Callable[[], float]] = {"wall": time.perf_counter, "processor": time.process_time}
 """On a machine shared with others the processor's time is the fairer: what takes long is interrupted more often."""

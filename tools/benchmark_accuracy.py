@@ -11,7 +11,7 @@ import numpy as np
 from benchmark_honesty import LandmarkQuality, judge_landmarks, measure_nees, true_poses
 from benchmark_runs import ATE, SONAR_ALONE
 
-from asfm.config import Config, load_config
+from asfm.config import Config
 from asfm.datasets import open_sequence, open_truth
 from asfm.evaluation.bound import measure_bound
 from asfm.evaluation.summary import evaluate_sequence
@@ -19,6 +19,7 @@ from asfm.evaluation.trajectory import align_first_pose, path_length_m
 from asfm.pipeline import conclude, extract, predict_poses, solve
 from asfm.recorder import NullRecorder
 from asfm.sequence import Sequence
+from asfm.settings import load_config
 from asfm.stages import StageClock
 from asfm.types import FloatArray, FrameTruth, Keypoints, Matches
 

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 from asfm.commands.report import read_report
-from asfm.config import load_config
 from asfm.datasets import open_sequence, open_truth
 from asfm.datasets.tables import read_tum
 from asfm.datasets.track_table import read_tracks
@@ -12,6 +11,7 @@ from asfm.evaluation.bound import add_bound, measure_bound
 from asfm.evaluation.summary import EvaluationTable, evaluate_sequence, evaluate_trajectory
 from asfm.export import write_report
 from asfm.sequence import Sequence
+from asfm.settings import load_config
 from asfm.types import Trajectory
 
 

@@ -5,7 +5,7 @@ from contextlib import closing
 from pathlib import Path
 
 from asfm.commands.report import RunSummary, describe_run
-from asfm.config import Config, dump_config
+from asfm.config import Config
 from asfm.datasets import open_sequence
 from asfm.datasets.hloc import read_hloc
 from asfm.datasets.image_names import name_images
@@ -16,6 +16,7 @@ from asfm.export import RESULTS, write_points, write_pose_sigmas, write_report, 
 from asfm.folders import atomic_folder
 from asfm.recorder import NullRecorder, Recorder
 from asfm.sequence import Sequence
+from asfm.settings import dump_config
 from asfm.stages import Progress, no_progress
 from asfm.types import Trajectory
 
