@@ -26,12 +26,13 @@ from asfm.frontend.keypoints import cut_squares, detect_keypoints
 from asfm.frontend.rematching import add_matches, rematch
 from asfm.frontend.solved import SolvedTracks
 from asfm.frontend.tracks import build_tracks, share_changed
+from asfm.lookahead import work_ahead
 from asfm.loops import find_loops
 from asfm.recalibration import apply_calibration, estimate_calibration
 from asfm.recorder import NullRecorder, Recorder
 from asfm.sequence import Sequence
 from asfm.stages import Progress, StageClock, StageReport, no_progress
-from asfm.types import Keypoints, Matches, Reconstruction, Trajectory
+from asfm.types import BoolArray, Frame, Keypoints, Matches, Reconstruction, Trajectory
 
 
 @dataclass(frozen=True)
@@ -80,19 +81,24 @@ def reconstruct(
 def extract(
     sequence: Sequence, config: Config, recorder: Recorder, clock: StageClock, given: Correspondences | None = None
 ) -> tuple[list[Keypoints], list[Matches]]:
-    """Turn images into keypoints, and pairs of frames into candidate matches. One image is in memory at a time."""
+    """Turn images into keypoints, and pairs of frames into candidate matches. Two images are in memory at a time."""
+
+    def look(frame: Frame) -> tuple[Frame, BoolArray, Keypoints]:
+        mask = detect_mask(frame, config)
+        if given is None:
+            return frame, mask, detect_keypoints(frame, mask, sequence.sonar, config)
+        return frame, mask, cut_squares(frame, given.keypoints[frame.index], sequence.sonar, config)
+
     keypoints: list[Keypoints] = []
     candidates: list[Matches] = []
     predicted = predict_poses(sequence, config)
     longest_gap = config.matching.max_gap if given is None else given.longest_gap
     with clock.stage("front-end") as report:
-        for frame in sequence:
-            mask = detect_mask(frame, config)
+        for frame, mask, found in work_ahead(look, sequence):
+            keypoints.append(found)
             if given is None:
-                keypoints.append(detect_keypoints(frame, mask, sequence.sonar, config))
                 matches = match_with_previous(frame.index, keypoints, config, sequence.sonar, predicted)
             else:
-                keypoints.append(cut_squares(frame, given.keypoints[frame.index], sequence.sonar, config))
                 matches = judge_correspondences(given, frame.index, keypoints, config, sequence.sonar, predicted)
             matches = align_matches(matches, keypoints, sequence.sonar, config)
             candidates += matches
