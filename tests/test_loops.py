@@ -69,8 +69,8 @@ def make_round_trip(seed: int, count: int = 30) -> RoundTrip:
     partner = np.searchsorted(key, 2 * point)  # the way out's track of the same point
     back = (frame >= count - 5) & np.isin(2 * point, key)
     again = Tracks(partner[back], frame[back], tracks.range_m[back], tracks.bearing_rad[back])
-    noise = SensorNoise(odometry_rotation_rad=STEP_SIGMA[0], odometry_translation_m=STEP_SIGMA[1])
-    sequence = Sequence("round trip", SONAR, np.arange(count, dtype=float), _no_frame, noise=noise)
+    stated = SensorNoise(odometry_rotation_rad=STEP_SIGMA[0], odometry_translation_m=STEP_SIGMA[1])
+    sequence = Sequence("round trip", SONAR, np.arange(count, dtype=float), _no_frame, noise=stated)
     return RoundTrip(
         truth,
         Solution(tracks, np.ones(len(track), dtype=bool), bundle, _pose_problem(tracks, steps), np.ones(tracks.count)),
