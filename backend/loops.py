@@ -6,6 +6,7 @@ import numpy as np
 
 from asfm.backend.relative import joint_covariance, predict_sigma
 from asfm.backend.solution import Solution
+from asfm.backend.start import DOUBT
 from asfm.config import LoopsConfig
 from asfm.poses import invert, transform
 from asfm.sequence import Sequence
@@ -46,6 +47,9 @@ class LoopSearch:
 def search_loops(solution: Solution, sequence: Sequence, settings: LoopsConfig, window: int) -> LoopSearch:
     """Find the pairs of frames beyond the window that overlap and that few landmarks join yet.
 
+    No pair reaches across a step that neither odometry nor tracks know: how far it went is a guess there, and a place
+    that looks alike may lie wherever the guess allows the same one to be.
+
     Args:
         solution: poses, landmarks and their graph, which tells the poses' covariance.
         sequence: the sonar.
@@ -56,6 +60,8 @@ def search_loops(solution: Solution, sequence: Sequence, settings: LoopsConfig, 
     frames = np.unique(np.linspace(0, count - 1, min(count, MAX_FRAMES)).round().astype(np.int64))
     apart = frames[None] - frames[:, None] > window
     apart &= ~_are_joined(solution, frames, count, settings.max_shared)
+    piece = _number_pieces(solution, sequence, settings.min_matches)[frames]
+    apart &= piece[None] == piece[:, None]
     if not apart.any():
         return LoopSearch(frames, {})
     poses = solution.bundle.world_from_vehicle[frames]
@@ -122,6 +128,26 @@ def _are_joined(solution: Solution, frames: IntArray, frame_count: int, most: in
         (np.ones(int(kept.sum())), (row[kept], column[kept])), shape=(len(frames), max(solution.tracks.count, 1))
     )
     return np.asarray((sees @ sees.T).toarray() > most)
+
+
+def _number_pieces(solution: Solution, sequence: Sequence, least: int) -> IntArray:
+    """Number the pieces (N,) of a trajectory that unknown steps cut it into.
+
+    A step from a frame to the next is known when odometry measured it, or when so many landmarks bridge it, used both
+    before and after: a chain must rest on as much as a loop, or it is the chain that yields to a wrong one.
+    """
+    count, tracks, sensors = len(sequence), solution.tracks, solution.problem.sensors
+    used = solution.observed & solution.bundle.in_graph[tracks.track]
+    first, last = np.full(tracks.count, count), np.zeros(tracks.count, dtype=np.int64)
+    np.minimum.at(first, tracks.track[used], tracks.frame[used])
+    np.maximum.at(last, tracks.track[used], tracks.frame[used])
+    long = last > first
+    change = np.bincount(first[long], minlength=count) - np.bincount(last[long], minlength=count)
+    known = np.cumsum(change)[:-1] >= least
+    if sensors.measured:
+        stated = np.array([sequence.noise.odometry_rotation_rad, sequence.noise.odometry_translation_m])
+        known |= (sensors.step_sigma <= DOUBT * stated).all(axis=1)
+    return np.concatenate([[0], np.cumsum(~known)])
 
 
 def _overlap(

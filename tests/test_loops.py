@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import cast
 
 import gtsam
 import numpy as np
@@ -15,6 +14,7 @@ from asfm.backend.closure import close_loops
 from asfm.backend.factors import bearing_factor, range_factor, step_factor
 from asfm.backend.loops import LoopPair, LoopSearch, choose_pairs, find_neighbours, search_loops
 from asfm.backend.problem import FIRST_POINT, FIRST_POSE, BundleProblem
+from asfm.backend.sensors import SensorConstraints
 from asfm.backend.solution import Solution
 from asfm.config import BackendConfig, Config, LoopsConfig
 from asfm.frontend.tracked import TrackedKeypoints
@@ -23,13 +23,12 @@ from asfm.poses import invert, make_pose, transform
 from asfm.sequence import Sequence
 from asfm.simulation.simulate import simulate
 from asfm.sonar import SonarModel, project
-from asfm.types import FloatArray, Frame, Keypoints, Matches, Tracks
+from asfm.types import FloatArray, Frame, Keypoints, Matches, SensorNoise, Tracks
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.6, 0.6), (600, 256), np.deg2rad(20))
 SIGMA = np.array([0.02, 0.005])
 STEP_SIGMA = (0.01, 0.04)
 WINDOW = 8
-NO_PROBLEM = cast(BundleProblem, None)
 
 
 @dataclass(frozen=True)
@@ -70,13 +69,23 @@ def make_round_trip(seed: int, count: int = 30) -> RoundTrip:
     partner = np.searchsorted(key, 2 * point)  # the way out's track of the same point
     back = (frame >= count - 5) & np.isin(2 * point, key)
     again = Tracks(partner[back], frame[back], tracks.range_m[back], tracks.bearing_rad[back])
-    sequence = Sequence("round trip", SONAR, np.arange(count, dtype=float), _no_frame)
+    stated = SensorNoise(odometry_rotation_rad=STEP_SIGMA[0], odometry_translation_m=STEP_SIGMA[1])
+    sequence = Sequence("round trip", SONAR, np.arange(count, dtype=float), _no_frame, noise=stated)
     return RoundTrip(
         truth,
-        Solution(tracks, np.ones(len(track), dtype=bool), bundle, NO_PROBLEM, np.ones(tracks.count)),
+        Solution(tracks, np.ones(len(track), dtype=bool), bundle, _pose_problem(tracks, steps), np.ones(tracks.count)),
         sequence,
         again,
     )
+
+
+def _pose_problem(tracks: Tracks, steps: FloatArray) -> BundleProblem:
+    """Say what the round trip was optimised from: steps that odometry measured."""
+    nothing = np.zeros((0, 3))
+    step_sigma = np.tile(STEP_SIGMA, (len(steps), 1))
+    sensors = SensorConstraints(np.eye(4), np.eye(6), True, steps, step_sigma, nothing, nothing)
+    used, sigma = np.ones(len(tracks), dtype=bool), np.tile(SIGMA, (len(tracks), 1))
+    return BundleProblem(tracks, used, sigma, sensors, np.eye(4), SONAR.elevation_aperture_rad / 2)
 
 
 def _adjust(tracks: Tracks, start: FloatArray, steps: FloatArray, xyz_m: FloatArray) -> Bundle:
@@ -147,6 +156,60 @@ def test_the_search_finds_the_way_back() -> None:
         assert abs(place_m[pair.frame_a] - place_m[pair.frame_b]) < 6
     best = max(search.pairs.values(), key=lambda pair: pair.overlap)
     assert best.frame_a < 15 <= best.frame_b
+
+
+def _know_otherwise(solution: Solution, measured: bool, loose: dict[int, float]) -> Solution:
+    """Give the same solution from other sensors; loose: by how much some steps' sigmas are wider than stated."""
+    sensors = solution.problem.sensors
+    step_sigma = sensors.step_sigma.copy()
+    for step, factor in loose.items():
+        step_sigma[step] *= factor
+    sensors = replace(sensors, measured=measured, step_sigma=step_sigma)
+    return replace(solution, problem=replace(solution.problem, sensors=sensors))
+
+
+TURN = 14
+"""The step of a round trip that no track bridges."""
+
+
+@pytest.mark.parametrize(
+    ("measured", "loose", "crosses"),
+    [
+        (True, {}, True),
+        (True, {TURN: 1.9}, True),
+        (True, {TURN: 5.0}, False),
+        (True, dict.fromkeys(range(TURN), 5.0), True),
+        (False, {}, False),
+    ],
+)
+def test_no_pair_reaches_across_a_step_that_nothing_knows(
+    measured: bool, loose: dict[int, float], crosses: bool
+) -> None:
+    """Odometry knows every step unless it is doubted, and tracks every one but the turn."""
+    trip = make_round_trip(1)
+    search = search_loops(_know_otherwise(trip.solution, measured, loose), trip.sequence, LoopsConfig(), WINDOW)
+    assert any(a <= TURN < b for a, b in search.pairs) == crosses
+    if crosses:
+        assert search.pairs == search_loops(trip.solution, trip.sequence, LoopsConfig(), WINDOW).pairs
+
+
+@pytest.mark.parametrize(("bridges", "crosses"), [(5, False), (6, True)])
+def test_a_chain_rests_on_as_many_landmarks_as_a_loop(bridges: int, crosses: bool) -> None:
+    """Without odometry, so many landmarks of the way out are seen once more after the turn."""
+    trip = make_round_trip(1)
+    solution = _know_otherwise(trip.solution, False, {})
+    tracks = solution.tracks
+    chosen = np.unique(tracks.track[tracks.frame == TURN])[:bridges]
+    table = np.stack([tracks.track, tracks.frame], axis=1)
+    more = np.stack([chosen, np.full(len(chosen), TURN + 1)], axis=1)
+    track, frame = np.concatenate([table, more]).T
+    order = np.lexsort((frame, track))
+    range_m, bearing_rad = (np.append(part, part[: len(chosen)]) for part in (tracks.range_m, tracks.bearing_rad))
+    longer = Tracks(track[order], frame[order], range_m[order], bearing_rad[order])
+    solution = replace(solution, tracks=longer, observed=np.ones(len(longer), dtype=bool))
+    search = search_loops(solution, trip.sequence, LoopsConfig(), WINDOW)
+    assert len(chosen) == bridges
+    assert any(a <= TURN < b for a, b in search.pairs) == crosses
 
 
 def test_frames_that_share_landmarks_need_no_loop() -> None:
