@@ -200,7 +200,7 @@ def optimise(
         with clock.stage(f"round {number + 1}") as report:
             matches = [*candidates, *proposed]
             tracks = associate(keypoints, matches, sequence.sonar, poses @ sequence.vehicle_from_sonar, config)
-            solution = solve_tracks(tracks, sequence, poses, start.sensors, config)
+            solution = solve_tracks(tracks, sequence, poses, start.sensors, config, adjusted=number > 0)
             poses = solution.bundle.world_from_vehicle
             report.counts = {"tracks": tracks.count, "observations": int(solution.observed.sum())}
         clock.progress("optimise", number + 1, config.backend.rounds)

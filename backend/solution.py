@@ -41,6 +41,7 @@ def solve_tracks(
     world_from_vehicle: FloatArray,
     sensors: SensorConstraints,
     config: Config,
+    adjusted: bool = True,
 ) -> Solution:
     """Triangulate, drop the observations that disagree, and adjust the rest.
 
@@ -49,6 +50,8 @@ def solve_tracks(
         sequence: gives the sonar and its lever arm.
         world_from_vehicle: (N, 4, 4) poses to start from.
         sensors: what else is known of the poses.
+        config: sections ``tracks``, ``noise`` and ``backend``.
+        adjusted: the poses are those of an adjustment, not yet those of the odometry.
     """
     typical = np.tile(feature_sigma(sequence.sonar, config.noise), (len(tracks), 1))
     sigma = typical if tracks.sigma is None else tracks.sigma
@@ -63,10 +66,10 @@ def solve_tracks(
     observed = found.agrees & (views >= config.tracks.min_views)[tracks.track]
     observed = cap_observations(tracks, observed, sigma, config.backend.max_views)
     views = np.bincount(tracks.track, observed, minlength=tracks.count)
-    residual = found.residual
-    if sensors.measured:
+    residual, told = found.residual, sensors.measured and adjusted
+    if told:
         residual = remove_pose_errors(tracks, observed, residual, wide, found.xyz_m, world_from_sonar)
-    noise = _estimate_noise(tracks.track, observed, residual, sensors.measured)
+    noise = _estimate_noise(tracks.track, observed, residual, told)
     problem = BundleProblem(
         tracks=tracks,
         observed=observed,
@@ -79,14 +82,14 @@ def solve_tracks(
     return Solution(tracks, observed, bundle, problem, _relieve(views, config))
 
 
-def _estimate_noise(track: IntArray, observed: BoolArray, residual: FloatArray, measured: bool) -> FloatArray:
+def _estimate_noise(track: IntArray, observed: BoolArray, residual: FloatArray, lasting: bool) -> FloatArray:
     """Estimate the (O, 2) factors of the sigmas of range and bearing that the residuals show.
 
-    What lasts from frame to frame counts where the motion is measured. Poses that are guessed err by more than a linear
-    fit takes out of the residuals, and what lasts there is mostly their error.
+    What lasts from frame to frame counts once poses of a measured motion have been adjusted. Before, and where the
+    motion is guessed, poses err by more than a linear fit takes out of the residuals, and what lasts is their error.
     """
-    noise = estimate_track_noise(track, observed, residual, LAGS if measured else 0)
-    return noise[track][:, None] * (measure_persistence(track, observed, residual) if measured else np.ones(2))
+    noise = estimate_track_noise(track, observed, residual, LAGS if lasting else 0)
+    return noise[track][:, None] * (measure_persistence(track, observed, residual) if lasting else np.ones(2))
 
 
 def _relieve(views: IntArray, config: Config) -> FloatArray:
