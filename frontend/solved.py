@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from asfm.config import Config
+from asfm.frontend.tracks import key_places
 from asfm.poses import invert, transform
 from asfm.sonar import SonarModel, feature_sigma, project, project_jacobian
 from asfm.types import BoolArray, FloatArray, IntArray, Keypoints, Tracks
@@ -54,9 +55,9 @@ class SolvedTracks:
         found = np.empty(len(self.tracks), dtype=np.int64)
         for frame, of_frame in enumerate(self.by_frame):
             here = self.keypoints[frame]
-            keys = _key(here.range_m, here.bearing_rad)
+            keys = key_places(here.range_m, here.bearing_rad)
             order = np.argsort(keys, kind="stable")
-            wanted = _key(self.tracks.range_m[of_frame], self.tracks.bearing_rad[of_frame])
+            wanted = key_places(self.tracks.range_m[of_frame], self.tracks.bearing_rad[of_frame])
             found[of_frame] = order[np.searchsorted(keys, wanted, sorter=order)] if len(wanted) else 0
         return found
 
@@ -138,8 +139,3 @@ def _list_absent(solved: SolvedTracks, frame: int, window: int) -> tuple[IntArra
     track, first = np.unique(solved.tracks.track[around[order]], return_index=True)
     absent = ~np.isin(track, solved.tracks.track[solved.by_frame[frame]])
     return track[absent], around[order][first[absent]]
-
-
-def _key(range_m: FloatArray, bearing_rad: FloatArray) -> FloatArray:
-    """One number a place."""
-    return np.asarray(range_m + 1e3 * np.pi * bearing_rad)

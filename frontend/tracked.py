@@ -8,8 +8,9 @@ import numpy as np
 
 from asfm.config import NoiseConfig
 from asfm.frontend.filters import difference_sigma
+from asfm.frontend.tracks import key_places
 from asfm.sonar import SonarModel
-from asfm.types import BoolArray, FloatArray, IntArray, Keypoints, Matches, Tracks
+from asfm.types import BoolArray, IntArray, Keypoints, Matches, Tracks
 
 APART = 4.0
 """Two observations of one frame this many sigmas apart show two points, not one point twice."""
@@ -29,9 +30,9 @@ class TrackedKeypoints:
     def find(self, frame: int, which: IntArray) -> IntArray:
         """Give the tracks (M,) of some keypoints of a frame; -1 where a keypoint has none."""
         of_frame = self._by_frame[frame]
-        keys = self._key(self.tracks.range_m[of_frame], self.tracks.bearing_rad[of_frame])
+        keys = key_places(self.tracks.range_m[of_frame], self.tracks.bearing_rad[of_frame])
         order = np.argsort(keys)
-        wanted = self._key(self.keypoints[frame].range_m[which], self.keypoints[frame].bearing_rad[which])
+        wanted = key_places(self.keypoints[frame].range_m[which], self.keypoints[frame].bearing_rad[which])
         if not len(keys):
             return np.full(len(which), -1)
         place = order[np.minimum(np.searchsorted(keys, wanted, sorter=order), len(keys) - 1)]
@@ -59,11 +60,6 @@ class TrackedKeypoints:
         range_sigmas = (self.tracks.range_m[a] - self.tracks.range_m[b]) / sigma[0]
         bearing_sigmas = (self.tracks.bearing_rad[a] - self.tracks.bearing_rad[b]) / sigma[1]
         return bool(np.median(np.hypot(range_sigmas, bearing_sigmas)) > APART)
-
-    @staticmethod
-    def _key(range_m: FloatArray, bearing_rad: FloatArray) -> FloatArray:
-        """One number a place: tracks hold the very numbers of their keypoints."""
-        return np.asarray(range_m + 1e3 * np.pi * bearing_rad)
 
     @cached_property
     def _by_frame(self) -> list[IntArray]:

@@ -52,6 +52,11 @@ def share_changed(before: Tracks, used_before: BoolArray, after: Tracks, used_af
     return (either - both) / either if either else 0.0
 
 
+def key_places(range_m: FloatArray, bearing_rad: FloatArray) -> FloatArray:
+    """Give one number a place, to look keypoints up by: tracks hold the very numbers of their keypoints."""
+    return np.asarray(range_m + 1e3 * np.pi * bearing_rad)
+
+
 def _places(tracks: Tracks, used: BoolArray) -> FloatArray:
     """Give the frame, range and bearing of the observations used, each once."""
     table = np.stack([tracks.frame[used].astype(float), tracks.range_m[used], tracks.bearing_rad[used]], axis=1)
