@@ -170,6 +170,17 @@ class Tracks:
     def __len__(self) -> int:
         return len(self.track)
 
+    def select(self, chosen: BoolArray) -> "Tracks":
+        """Keep the chosen (O,) observations and number the tracks that are left."""
+        _, track = np.unique(self.track[chosen], return_inverse=True)
+        return Tracks(
+            track=track.astype(np.int64),
+            frame=self.frame[chosen],
+            range_m=self.range_m[chosen],
+            bearing_rad=self.bearing_rad[chosen],
+            sigma=None if self.sigma is None else self.sigma[chosen],
+        )
+
     @property
     def count(self) -> int:
         """Number of tracks."""

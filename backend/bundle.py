@@ -85,7 +85,7 @@ def adjust_bundle(
         kept = held.clone()
         elevation_rad = see_elevations(problem, poses, points)
         add_elevation_factors(kept, problem, middle, elevation_rad, PROXIMITY * problem.half_aperture_rad)
-        values = _optimise(kept, _make_values(poses, points, in_graph))
+        values = _optimise(kept, make_values(poses, points, in_graph))
         poses, points = _read_values(values, len(poses), points, in_graph)
         cost = held.error(values)
         if check > 0 and abs(cost_before - cost) <= settled * cost:
@@ -126,7 +126,8 @@ def _add_sonar_factors(graph: gtsam.NonlinearFactorGraph, problem: BundleProblem
         graph.add(range_factor(pose, point, range_m, range_sigma, lever_arm))
 
 
-def _make_values(world_from_vehicle: FloatArray, xyz_m: FloatArray, in_graph: BoolArray) -> gtsam.Values:
+def make_values(world_from_vehicle: FloatArray, xyz_m: FloatArray, in_graph: BoolArray) -> gtsam.Values:
+    """Give the values of a graph: (N, 4, 4) poses, and of the (T, 3) points those that are in it."""
     values = gtsam.Values()
     for index, pose in enumerate(world_from_vehicle):
         values.insert(FIRST_POSE + index, gtsam.Pose3(pose))

@@ -12,13 +12,12 @@ import gtsam
 import numpy as np
 
 from asfm.backend.beam import add_beam_knowledge, see_elevations
-from asfm.backend.bundle import Bundle
-from asfm.backend.problem import FIRST_POINT, FIRST_POSE
+from asfm.backend.bundle import Bundle, make_values
 from asfm.backend.solution import Solution
 from asfm.backend.uncertainty import Uncertainty
 from asfm.config import Scene
 from asfm.poses import invert, transform
-from asfm.types import BoolArray, FloatArray
+from asfm.types import FloatArray
 
 REFLECTION = np.diag([1.0, 1.0, -1.0, 1.0])
 EXCLUDED = 1e-6
@@ -45,10 +44,20 @@ def reflect(
     world_from_vehicle: FloatArray, xyz_m: FloatArray, vehicle_from_sonar: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Reflect (N, 4, 4) poses and (T, 3) points at the plane of the first frame's sonar, which stays where it is."""
+    across = _reflect_at(world_from_vehicle[0] @ vehicle_from_sonar)
+    return reflect_after(world_from_vehicle, 0, vehicle_from_sonar), transform(across, xyz_m)
+
+
+def reflect_after(world_from_vehicle: FloatArray, frame: int, vehicle_from_sonar: FloatArray) -> FloatArray:
+    """Reflect the poses (N, 4, 4) after a frame at the plane of its sonar."""
     sonars = world_from_vehicle @ vehicle_from_sonar
-    across = sonars[0] @ REFLECTION @ invert(sonars[0])
-    poses = across @ sonars @ REFLECTION @ invert(vehicle_from_sonar)
-    return np.concatenate([world_from_vehicle[:1], poses[1:]]), transform(across, xyz_m)
+    turned = _reflect_at(sonars[frame]) @ sonars[frame + 1 :] @ REFLECTION @ invert(vehicle_from_sonar)
+    return np.concatenate([world_from_vehicle[: frame + 1], turned])
+
+
+def _reflect_at(world_from_sonar: FloatArray) -> FloatArray:
+    """Give the (4, 4) that reflects the world at the plane of a sonar."""
+    return np.asarray(world_from_sonar @ REFLECTION @ invert(world_from_sonar))
 
 
 def find_mirror(solution: Solution, scene: Scene = "unknown") -> Mirror:
@@ -60,7 +69,7 @@ def find_mirror(solution: Solution, scene: Scene = "unknown") -> Mirror:
     """
     bundle = solution.bundle
     poses, points = reflect(bundle.world_from_vehicle, bundle.xyz_m, solution.problem.vehicle_from_sonar)
-    worse = bundle.measured.error(_make_values(bundle, poses, points)) - bundle.measured.error(bundle.values)
+    worse = bundle.measured.error(make_values(poses, points, bundle.in_graph)) - bundle.measured.error(bundle.values)
     probability = float(1 / (1 + np.exp(np.clip(worse, -500.0, 500.0))))
     if probability < EXCLUDED or (scene != "unknown" and _is_undecided(probability)):
         probability = 0.0
@@ -98,8 +107,7 @@ def admit_mirror(uncertainty: Uncertainty, solution: Solution, mirror: Mirror) -
     apart, carry = compare_poses(bundle.world_from_vehicle, mirror.world_from_vehicle)
     turned = carry @ _reflect_motions(lever)
     pose = turned @ uncertainty.pose @ np.swapaxes(turned, 1, 2) + _square(apart)
-    world_from_sonar = bundle.world_from_vehicle[0] @ lever
-    across = (world_from_sonar @ REFLECTION @ invert(world_from_sonar))[:3, :3]
+    across = _reflect_at(bundle.world_from_vehicle[0] @ lever)[:3, :3]
     known = np.isfinite(uncertainty.point_m2).all(axis=(1, 2))
     point_m2 = uncertainty.point_m2.copy()
     shift_m = mirror.xyz_m[known] - bundle.xyz_m[known]
@@ -180,15 +188,5 @@ def _take(solution: Solution, mirror: Mirror) -> Bundle:
         world_from_vehicle=mirror.world_from_vehicle,
         xyz_m=mirror.xyz_m,
         graph=graph,
-        values=_make_values(bundle, mirror.world_from_vehicle, mirror.xyz_m),
+        values=make_values(mirror.world_from_vehicle, mirror.xyz_m, bundle.in_graph),
     )
-
-
-def _make_values(bundle: Bundle, world_from_vehicle: FloatArray, xyz_m: FloatArray) -> gtsam.Values:
-    in_graph: BoolArray = bundle.in_graph
-    values = gtsam.Values(bundle.values)
-    for index, pose in enumerate(world_from_vehicle):
-        values.update(FIRST_POSE + index, gtsam.Pose3(pose))
-    for index in np.flatnonzero(in_graph).tolist():
-        values.update(FIRST_POINT + index, xyz_m[index])
-    return values

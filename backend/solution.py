@@ -4,21 +4,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from asfm.backend.beam import EDGE_RAD
 from asfm.backend.bundle import Bundle, adjust_bundle
 from asfm.backend.pose_errors import remove_pose_errors
 from asfm.backend.problem import BundleProblem
 from asfm.backend.selection import cap_observations
 from asfm.backend.sensors import SensorConstraints
 from asfm.backend.track_noise import LAGS, estimate_track_noise, measure_persistence
-from asfm.backend.triangulation import Gate, triangulate_tracks
+from asfm.backend.triangulation import triangulate_tracks
+from asfm.backend.yardstick import make_yardstick
 from asfm.config import Config
 from asfm.sequence import Sequence
 from asfm.sonar import feature_sigma
 from asfm.types import BoolArray, FloatArray, IntArray, Tracks
-
-MEASURED_SLACK, GUESSED_SLACK = 1.2, 1.5
-"""Sigmas are widened by this for triangulation, because the poses are not yet right: measured and guessed motion."""
 
 
 @dataclass(frozen=True)
@@ -53,30 +50,28 @@ def solve_tracks(
         config: sections ``tracks``, ``noise`` and ``backend``.
         adjusted: the poses are those of an adjustment, not yet those of the odometry.
     """
-    typical = np.tile(feature_sigma(sequence.sonar, config.noise), (len(tracks), 1))
-    sigma = typical if tracks.sigma is None else tracks.sigma
-    gate = Gate(
-        half_aperture_rad=sequence.sonar.elevation_aperture_rad / 2,
-        edge_rad=float(np.hypot(EDGE_RAD, sensors.typical_rotation_rad)),
-    )
-    wide = np.maximum(sigma, typical) * (MEASURED_SLACK if sensors.measured else GUESSED_SLACK)
+    sigma = tracks.sigma
+    if sigma is None:
+        sigma = np.tile(feature_sigma(sequence.sonar, config.noise), (len(tracks), 1))
+    yardstick = make_yardstick(tracks, sequence, sensors, config)
     world_from_sonar = world_from_vehicle @ sequence.vehicle_from_sonar
-    found = triangulate_tracks(tracks, world_from_sonar, sequence.sonar, wide, gate)
+    found = triangulate_tracks(tracks, world_from_sonar, sequence.sonar, yardstick.sigma, yardstick.gate)
     views = np.bincount(tracks.track, found.agrees, minlength=tracks.count)
     observed = found.agrees & (views >= config.tracks.min_views)[tracks.track]
     observed = cap_observations(tracks, observed, sigma, config.backend.max_views)
     views = np.bincount(tracks.track, observed, minlength=tracks.count)
     residual, told = found.residual, sensors.measured and adjusted
     if told:
-        residual = remove_pose_errors(tracks, observed, residual, wide, found.xyz_m, world_from_sonar)
+        residual = remove_pose_errors(tracks, observed, residual, yardstick.sigma, found.xyz_m, world_from_sonar)
     noise = _estimate_noise(tracks.track, observed, residual, told)
+    in_common = np.sqrt(correlated_variance(views, config.backend.track_correlation))
     problem = BundleProblem(
         tracks=tracks,
         observed=observed,
-        sigma=sigma * noise * _correlation_factor(views, config)[tracks.track][:, None],
+        sigma=sigma * noise * in_common[tracks.track][:, None],
         sensors=sensors,
         vehicle_from_sonar=sequence.vehicle_from_sonar,
-        half_aperture_rad=gate.half_aperture_rad,
+        half_aperture_rad=yardstick.gate.half_aperture_rad,
     )
     bundle = adjust_bundle(problem, world_from_vehicle, found.xyz_m)
     return Solution(tracks, observed, bundle, problem, _relieve(views, config))
@@ -94,14 +89,13 @@ def _estimate_noise(track: IntArray, observed: BoolArray, residual: FloatArray, 
 
 def _relieve(views: IntArray, config: Config) -> FloatArray:
     """Compare (T,) variances: those of the graph with those that count for the elevation."""
-    others = np.maximum(views - 1, 0)
     stated, elevation = config.backend.track_correlation, config.backend.elevation_correlation
-    return np.asarray((1 + stated * others) / (1 + min(elevation, stated) * others))
+    return correlated_variance(views, stated) / correlated_variance(views, min(elevation, stated))
 
 
-def _correlation_factor(views: IntArray, config: Config) -> FloatArray:
-    """Widen the sigmas of a track's n observations whose errors are correlated by rho: sqrt(1 + (n - 1) rho).
+def correlated_variance(views: IntArray, correlation: float) -> FloatArray:
+    """Widen the variances of n observations whose errors are correlated by rho: 1 + (n - 1) rho.
 
     The mean of n values with that correlation is as uncertain as the mean of n independent ones so widened.
     """
-    return np.asarray(np.sqrt(1 + config.backend.track_correlation * np.maximum(views - 1, 0)))
+    return np.asarray(1 + correlation * np.maximum(views - 1, 0))

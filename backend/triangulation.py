@@ -94,6 +94,19 @@ def whitened_residuals(
     return residual, elevation_rad
 
 
+def square_misfits(
+    xyz_m: FloatArray, tracks: Tracks, sonar_from_world: FloatArray, sigma: FloatArray, gate: Gate
+) -> tuple[FloatArray, FloatArray]:
+    """Square the (O,) misfit of each observation, how far its point lies outside the beam included.
+
+    Returns:
+        (O,) squares, and the (O, 2) whitened residuals in them.
+    """
+    residual, elevation_rad = whitened_residuals(xyz_m, tracks, sonar_from_world, sigma)
+    outside = np.maximum(np.abs(elevation_rad) - gate.half_aperture_rad, 0) / gate.edge_rad
+    return np.asarray((residual**2).sum(axis=1) + outside**2), residual
+
+
 def _chunks_of_tracks(start: IntArray, observation_count: int) -> list[slice]:
     """Cut the tracks into runs of about OBSERVATIONS_AT_ONCE observations, to bound memory."""
     cuts = np.searchsorted(start, np.arange(0, observation_count, OBSERVATIONS_AT_ONCE))
@@ -140,9 +153,8 @@ def _judge(
     xyz_m: FloatArray, tracks: Tracks, sonar_from_world: FloatArray, sigma: FloatArray, gate: Gate
 ) -> tuple[BoolArray, FloatArray]:
     """Tell which observations agree with their track's point: (O,), and give their (O, 2) whitened residuals."""
-    residual, elevation_rad = whitened_residuals(xyz_m, tracks, sonar_from_world, sigma)
-    outside = np.maximum(np.abs(elevation_rad) - gate.half_aperture_rad, 0) / gate.edge_rad
-    return (residual**2).sum(axis=1) + outside**2 <= gate.truncation**2, residual
+    square, residual = square_misfits(xyz_m, tracks, sonar_from_world, sigma, gate)
+    return square <= gate.truncation**2, residual
 
 
 def _refine(

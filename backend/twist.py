@@ -5,18 +5,15 @@ motion hardly tells elevations, an optimisation that has begun with one image ca
 then fit as well as ever, and only what spans the twist fits a little worse: a local optimum that no small step leaves.
 """
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 
-from asfm.backend.beam import EDGE_RAD
-from asfm.backend.mirror import REFLECTION
-from asfm.backend.solution import GUESSED_SLACK, Solution, solve_tracks
-from asfm.backend.triangulation import Gate, triangulate_tracks, whitened_residuals
+from asfm.backend.mirror import reflect_after
+from asfm.backend.solution import Solution, correlated_variance, solve_tracks
+from asfm.backend.triangulation import square_misfits, triangulate_tracks
+from asfm.backend.yardstick import GUESSED_SLACK, Yardstick, make_yardstick
 from asfm.config import Config
 from asfm.poses import invert
 from asfm.sequence import Sequence
-from asfm.sonar import feature_sigma
 from asfm.types import FloatArray, IntArray, Tracks
 
 STRIDE = 4
@@ -34,15 +31,6 @@ NEAREST_END = 2
 """Frames before the first and after the last one that is tried."""
 
 
-@dataclass(frozen=True)
-class Yardstick:
-    """What misfits are measured with, the same for all solutions that are compared."""
-
-    sigma: FloatArray
-    """(O, 2) of range_m and bearing_rad."""
-    gate: Gate
-
-
 def untwist(solution: Solution, sequence: Sequence, config: Config) -> Solution:
     """Mirror the frames after the likeliest twist, adjust, and keep what fits better.
 
@@ -52,7 +40,7 @@ def untwist(solution: Solution, sequence: Sequence, config: Config) -> Solution:
     if sensors.measured or len(sensors.z_roll_pitch) or not solution.observed.any():
         return solution
     tracks, poses = solution.tracks, solution.bundle.world_from_vehicle
-    yardstick = make_yardstick(solution, sequence, config)
+    yardstick = make_yardstick(tracks, sequence, sensors, config)
     frames, misfit = scan_twists(tracks, poses, sequence, yardstick)
     twist = choose_dip(frames, misfit)
     if twist is None:
@@ -61,23 +49,6 @@ def untwist(solution: Solution, sequence: Sequence, config: Config) -> Solution:
     other = solve_tracks(tracks, sequence, turned, sensors, config)
     odds = compare_fits(solution, other, sequence, yardstick, config.backend.track_correlation)
     return other if odds > LEAST_ODDS else solution
-
-
-def reflect_after(world_from_vehicle: FloatArray, frame: int, vehicle_from_sonar: FloatArray) -> FloatArray:
-    """Reflect the poses (N, 4, 4) after a frame at the plane of its sonar."""
-    sonars = world_from_vehicle @ vehicle_from_sonar
-    across = sonars[frame] @ REFLECTION @ invert(sonars[frame])
-    turned = across @ sonars[frame + 1 :] @ REFLECTION @ invert(vehicle_from_sonar)
-    return np.concatenate([world_from_vehicle[: frame + 1], turned])
-
-
-def make_yardstick(solution: Solution, sequence: Sequence, config: Config) -> Yardstick:
-    """Take the sigmas that triangulation takes, and a gate around the beam's edge."""
-    tracks, sensors = solution.tracks, solution.problem.sensors
-    typical = np.tile(feature_sigma(sequence.sonar, config.noise), (len(tracks), 1))
-    sigma = typical if tracks.sigma is None else np.maximum(tracks.sigma, typical)
-    edge_rad = float(np.hypot(EDGE_RAD, sensors.typical_rotation_rad))
-    return Yardstick(sigma * GUESSED_SLACK, Gate(sequence.sonar.elevation_aperture_rad / 2, edge_rad))
 
 
 def scan_twists(
@@ -131,7 +102,7 @@ def compare_fits(
     """
     tracks = first.tracks
     both = (first.bundle.in_graph & second.bundle.in_graph)[tracks.track]
-    weight = both / (1 + correlation * (np.bincount(tracks.track)[tracks.track] - 1))
+    weight = both / correlated_variance(np.bincount(tracks.track)[tracks.track], correlation)
     before, after = (_square_residuals(solution, sequence, yardstick) @ weight for solution in (first, second))
     return GUESSED_SLACK**2 * float(before - after) / 2
 
@@ -140,28 +111,17 @@ def _square_residuals(solution: Solution, sequence: Sequence, yardstick: Yardsti
     """Squared residual of every observation, how far it lies outside the beam included, truncated: (O,)."""
     tracks, bundle, gate = solution.tracks, solution.bundle, yardstick.gate
     sonar_from_world = invert(bundle.world_from_vehicle @ sequence.vehicle_from_sonar)[tracks.frame]
-    residual, elevation_rad = whitened_residuals(bundle.xyz_m, tracks, sonar_from_world, yardstick.sigma)
-    outside = np.maximum(np.abs(elevation_rad) - gate.half_aperture_rad, 0) / gate.edge_rad
-    return np.asarray(np.minimum((residual**2).sum(axis=1) + outside**2, gate.truncation**2))
+    square, _ = square_misfits(bundle.xyz_m, tracks, sonar_from_world, yardstick.sigma, gate)
+    return np.minimum(square, gate.truncation**2)
 
 
 def _fit_points(
     tracks: Tracks, chosen: IntArray, world_from_vehicle: FloatArray, sequence: Sequence, yardstick: Yardstick
 ) -> float:
     """Triangulate some tracks and sum their truncated squared residuals."""
-    number = np.full(tracks.count, -1)
-    number[np.sort(chosen)] = np.arange(len(chosen))
-    used = number[tracks.track] >= 0
-    some = replace(
-        tracks,
-        track=number[tracks.track[used]],
-        frame=tracks.frame[used],
-        range_m=tracks.range_m[used],
-        bearing_rad=tracks.bearing_rad[used],
-        sigma=None,
-    )
+    used = np.isin(tracks.track, chosen)
     found = triangulate_tracks(
-        some,
+        tracks.select(used),
         world_from_vehicle @ sequence.vehicle_from_sonar,
         sequence.sonar,
         yardstick.sigma[used],

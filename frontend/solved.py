@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from asfm.config import Config
-from asfm.frontend.tracks import key_places
+from asfm.frontend.tracks import key_places, list_by_frame
 from asfm.poses import invert, transform
 from asfm.sonar import SonarModel, feature_sigma, project, project_jacobian
 from asfm.types import BoolArray, FloatArray, IntArray, Keypoints, Tracks
@@ -64,8 +64,7 @@ class SolvedTracks:
     @cached_property
     def by_frame(self) -> list[IntArray]:
         """The observations of each frame."""
-        order = np.argsort(self.tracks.frame, kind="stable")
-        return np.split(order, np.searchsorted(self.tracks.frame[order], np.arange(1, len(self.keypoints))))
+        return list_by_frame(self.tracks, len(self.keypoints))
 
     @cached_property
     def _seen(self) -> FloatArray:

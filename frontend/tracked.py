@@ -8,7 +8,7 @@ import numpy as np
 
 from asfm.config import NoiseConfig
 from asfm.frontend.filters import difference_sigma
-from asfm.frontend.tracks import key_places
+from asfm.frontend.tracks import key_places, list_by_frame
 from asfm.sonar import SonarModel
 from asfm.types import BoolArray, IntArray, Keypoints, Matches, Tracks
 
@@ -63,10 +63,7 @@ class TrackedKeypoints:
 
     @cached_property
     def _by_frame(self) -> list[IntArray]:
-        order = np.argsort(self.tracks.frame, kind="stable")
-        order = order[self.observed[order]]
-        cuts = np.searchsorted(self.tracks.frame[order], np.arange(1, len(self.keypoints)))
-        return np.split(order, cuts)
+        return list_by_frame(self.tracks, len(self.keypoints), self.observed)
 
     @cached_property
     def _start(self) -> IntArray:

@@ -52,6 +52,14 @@ def share_changed(before: Tracks, used_before: BoolArray, after: Tracks, used_af
     return (either - both) / either if either else 0.0
 
 
+def list_by_frame(tracks: Tracks, frame_count: int, chosen: BoolArray | None = None) -> list[IntArray]:
+    """List the observations of each frame, those of them that are (O,) chosen."""
+    order = np.argsort(tracks.frame, kind="stable")
+    if chosen is not None:
+        order = order[chosen[order]]
+    return np.split(order, np.searchsorted(tracks.frame[order], np.arange(1, frame_count)))
+
+
 def key_places(range_m: FloatArray, bearing_rad: FloatArray) -> FloatArray:
     """Give one number a place, to look keypoints up by: tracks hold the very numbers of their keypoints."""
     return np.asarray(range_m + 1e3 * np.pi * bearing_rad)

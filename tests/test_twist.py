@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from asfm.backend.mirror import reflect_after
 from asfm.backend.sensors import SensorConstraints, sensor_constraints
 from asfm.backend.solution import solve_tracks
-from asfm.backend.twist import LEAST_ODDS, choose_dip, compare_fits, make_yardstick, reflect_after, scan_twists, untwist
+from asfm.backend.twist import LEAST_ODDS, choose_dip, compare_fits, scan_twists, untwist
+from asfm.backend.yardstick import make_yardstick
 from asfm.config import BackendConfig
 from asfm.poses import invert, make_pose, transform
 from asfm.sequence import Sequence
@@ -83,14 +85,14 @@ def test_a_twist_is_found_and_set_right() -> None:
     config = load_config()
     twisted = solve_tracks(tracks, sequence, reflect_after(truth, TWIST, LEVER_ARM), sensors, config)
     frames, misfit = scan_twists(
-        tracks, twisted.bundle.world_from_vehicle, sequence, make_yardstick(twisted, sequence, config)
+        tracks, twisted.bundle.world_from_vehicle, sequence, make_yardstick(tracks, sequence, sensors, config)
     )
     found = choose_dip(frames, misfit)
     assert found is not None and abs(found - TWIST) <= 6
     right = untwist(twisted, sequence, config)
     before, after = (roll_rad(solution.bundle.world_from_vehicle) - roll_rad(truth) for solution in (twisted, right))
     assert np.abs(before).max() > 0.3 > 0.1 > np.abs(after).max(), "the optimisation alone does not leave the twist"
-    yardstick = make_yardstick(twisted, sequence, config)
+    yardstick = make_yardstick(tracks, sequence, sensors, config)
     assert compare_fits(twisted, right, sequence, yardstick, 1.0) > LEAST_ODDS
     assert compare_fits(right, right, sequence, yardstick, 1.0) == 0
 

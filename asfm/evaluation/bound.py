@@ -75,7 +75,7 @@ def measure_bound(
         raise AsfmError(f"{sequence.name}: expected true poses to measure the bound with, found none")
     groundtruth = sequence.groundtruth
     world_from_vehicle = interpolate(groundtruth.timestamps_s, groundtruth.world_from_vehicle, sequence.timestamps_s)
-    used = _choose(tracks, observed)
+    used = tracks.select(observed)
     truth = find_true_points(used, sequence.sonar, invert(world_from_vehicle @ sequence.vehicle_from_sonar), read_truth)
     noise = measure_noise(used, truth)
     sigma = _floor_sigma(feature_sigma(sequence.sonar, config.noise) if noise is None else noise, sequence.sonar)
@@ -105,24 +105,12 @@ def add_bound(table: EvaluationTable, bound: Bound) -> EvaluationTable:
     return EvaluationTable(table.rows + tuple(rows), table.notes)
 
 
-def _choose(tracks: Tracks, chosen: BoolArray) -> Tracks:
-    """Keep the chosen (O,) observations and number the tracks that are left."""
-    _, track = np.unique(tracks.track[chosen], return_inverse=True)
-    return Tracks(
-        track=track.astype(np.int64),
-        frame=tracks.frame[chosen],
-        range_m=tracks.range_m[chosen],
-        bearing_rad=tracks.bearing_rad[chosen],
-        sigma=None if tracks.sigma is None else tracks.sigma[chosen],
-    )
-
-
 def _make_exact(tracks: Tracks, truth: TruePoints, sigma: FloatArray) -> Tracks:
     """Put every observation where its true point is seen; tracks without one are left out."""
     exact = replace(
         tracks, range_m=truth.range_m, bearing_rad=truth.bearing_rad, sigma=np.tile(sigma, (len(tracks), 1))
     )
-    return _choose(exact, truth.known[tracks.track])
+    return exact.select(truth.known[tracks.track])
 
 
 def _floor_sigma(sigma: FloatArray, sonar: SonarModel) -> FloatArray:
