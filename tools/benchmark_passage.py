@@ -21,14 +21,14 @@ from asfm.types import BoolArray, FloatArray, Frame, FrameTruth, Keypoints, Matc
 
 @dataclass(frozen=True)
 class Passage:
-    """What the front-end made of a sequence, and the median times of a frame."""
+    """What the front-end made of a sequence, and what a frame took."""
 
     keypoints: list[Keypoints]
     candidates: list[Matches]
     frame_s: float
-    """Of everything that ``extract`` does with a frame once it is read."""
+    """Of everything that ``extract`` does once frames are read, over their number."""
     akaze_s: float
-    """Of A-KAZE alone on the same picture, without a mask."""
+    """Median of A-KAZE alone on the same pictures, without a mask."""
 
     def pairs(self, gap: int) -> list[Matches]:
         """Give the candidates of frames so far apart."""
@@ -69,10 +69,11 @@ class Judged:
 
 
 def pass_frontend(sequence: Sequence, config: Config, clock: Callable[[], float]) -> Passage:
-    """Let the pipeline extract keypoints and matches, and A-KAZE run alone between any two frames.
+    """Time A-KAZE alone on every frame, then let the pipeline extract keypoints and matches from all of them.
 
-    The frames lie in memory. Those that have fewer than ``max_gap`` frames before them, unless all have, and the last
-    are not timed.
+    The frames lie in memory. What a frame takes is the time from the first frame that has ``max_gap`` frames before it
+    (unless none has) to the end, over their number: a run works on two frames at once, so no frame has a time of its
+    own. What is left to do of the two frames before counts too.
     """
     frames = list(sequence)
     detect_alone = (
@@ -80,21 +81,23 @@ def pass_frontend(sequence: Sequence, config: Config, clock: Callable[[], float]
         .make(config.keypoints.threshold or DETECTORS["akaze"].threshold, config.keypoints)
         .detectAndCompute
     )
-    asked_s, returned_s, alone_s = (np.zeros(len(frames)) for _ in range(3))
+    first = config.matching.max_gap if len(frames) > config.matching.max_gap + 1 else 0
+    alone_s = [_time(clock, detect_alone, draw_picture(frame, sequence.sonar, config)) for frame in frames[first:]]
+    asked_s = np.zeros(len(frames))
 
     def read(index: int) -> Frame:
         asked_s[index] = clock()
-        picture: Picture = draw_picture(frames[index], sequence.sonar, config)
-        begin_s = clock()
-        detect_alone(picture, None)
-        alone_s[index] = clock() - begin_s
-        returned_s[index] = clock()
         return frames[index]
 
     keypoints, candidates = extract(replace(sequence, read_frame=read), config, NullRecorder(), StageClock())
-    first = config.matching.max_gap if len(frames) > config.matching.max_gap + 1 else 0
-    frame_s = (asked_s[1:] - returned_s[:-1])[first:]
-    return Passage(keypoints, candidates, float(np.median(frame_s)), float(np.median(alone_s[:-1][first:])))
+    frame_s = (clock() - float(asked_s[first])) / (len(frames) - first)
+    return Passage(keypoints, candidates, frame_s, float(np.median(alone_s)))
+
+
+def _time(clock: Callable[[], float], detect: Callable[[Picture, None], object], picture: Picture) -> float:
+    begin_s = clock()
+    detect(picture, None)
+    return clock() - begin_s
 
 
 def judge_by_truth(
