@@ -91,7 +91,7 @@ def run(
     """Reconstruct the trajectory and a 3-D point map of a sequence."""
     from asfm.commands import run_sequence
     from asfm.commands.text import describe_results
-    from asfm.settings import load_config
+    from asfm.config_file import load_config
 
     overrides = tuple(settings or ()) + (() if mode is None else (f"mode={mode}",))
     resolved = load_config(config, overrides)
@@ -192,7 +192,7 @@ def denoise(
     """Compare ways of denoising with the image without noise."""
     from asfm.commands import denoise_sources
     from asfm.commands.denoise_files import describe_denoising
-    from asfm.settings import load_config
+    from asfm.config_file import load_config
 
     resolved = load_config(config, tuple(settings or ()))
     with _show_progress() as progress:

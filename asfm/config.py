@@ -5,7 +5,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 Filter = Literal["mutual", "ratio", "ssl", "arc", "planar", "clique"]
-"""The outlier filters of asfm.frontend.filters."""
+"""The outlier filters of asfm.frontend.matching.filters."""
 Scene = Literal["unknown", "below", "above"]
 """Where a scene lies, seen from an upright sonar."""
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from asfm.sonar import SonarModel
+from asfm.geometry.sonar import SonarModel
 from asfm.types import FloatArray, Frame, HandTracks, Navigation, SensorNoise, Trajectory
 
 

@@ -5,10 +5,10 @@ from asfm.commands.demo import run_demo
 from asfm.commands.denoise import denoise_sources
 from asfm.commands.describe import describe_sequence
 from asfm.commands.evaluate import evaluate_folder
-from asfm.commands.report import RunSummary
 from asfm.commands.run import run_sequence
 from asfm.commands.simulate import simulate_to
 from asfm.commands.view import view_folder
+from asfm.results.report import RunSummary
 
 __all__ = [
     "RunSummary",

@@ -6,7 +6,7 @@ import numpy as np
 
 from asfm.datasets import open_sequence, open_truth
 from asfm.datasets.images import Bits
-from asfm.datasets.native_writer import write_native
+from asfm.datasets.native.writer import write_native
 from asfm.sequence import Sequence
 from asfm.stages import Progress, no_progress
 

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from asfm.commands.report import RunSummary
 from asfm.commands.run import run_sequence
 from asfm.commands.simulate import DEFAULT_FRAMES, simulate_to
+from asfm.results.report import RunSummary
 from asfm.stages import Progress, no_progress
 
 SCENE = "seafloor"

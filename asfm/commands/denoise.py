@@ -6,15 +6,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from asfm.atomic_folder import atomic_folder
 from asfm.commands.denoise_files import DENOISING, write_denoising
 from asfm.config import Config
 from asfm.errors import AsfmError
-from asfm.folders import atomic_folder
 from asfm.stages import Progress, no_progress
 from asfm.types import Frame, FrameTruth
 
 if TYPE_CHECKING:
-    from asfm.evaluation.denoising_table import Comparison, DenoisingTable
+    from asfm.evaluation.denoising.table import Comparison, DenoisingTable
 
 FRAMES_OF_SEQUENCE, FRAMES_OF_SIMULATION = 10, 1
 """By default, of each sequence, and of each scene and sonar."""
@@ -95,9 +95,9 @@ def _open_source(path: Path, frames: int) -> Source:
 
 def _plan(scenes: Names[str], sonars: Names[str], frames: int, seed: int) -> list[Source]:
     """List what is to be simulated, all names checked before the first is."""
-    from asfm.simulation.presets import PRESETS
-    from asfm.simulation.scenes import SCENES, find_scene
+    from asfm.simulation.scenes.catalogue import SCENES, find_scene
     from asfm.simulation.simulate import find_sonar
+    from asfm.simulation.sonars.presets import PRESETS
 
     scenes, sonars = tuple(dict.fromkeys(scenes)) or tuple(SCENES), tuple(dict.fromkeys(sonars)) or tuple(PRESETS)
     for scene in scenes:
@@ -127,7 +127,7 @@ def _compare(
 
     A seed that puts the sonar into an object costs its frame only.
     """
-    from asfm.evaluation.denoising_table import DenoisedFrame, DenoisingTable, compare_denoisers
+    from asfm.evaluation.denoising.table import DenoisedFrame, DenoisingTable, compare_denoisers
 
     rows: list[DenoisedFrame] = []
     notes: list[str] = []

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from asfm.atomic_folder import FolderKind
 from asfm.commands.text import align
-from asfm.export import write_report
-from asfm.folders import FolderKind
+from asfm.results.writers import write_report
 from asfm.types import FrameTruth, ImageArray
 
 if TYPE_CHECKING:
-    from asfm.evaluation.denoising_table import Comparison, DenoisingTable
+    from asfm.evaluation.denoising.table import Comparison, DenoisingTable
 
 TABLE, REPORT, PICTURE = "denoising.csv", "denoising.json", "denoising.png"
 DENOISING = FolderKind("a denoising table", marks=(TABLE, REPORT), patterns=(TABLE, REPORT, PICTURE))
@@ -42,7 +42,7 @@ def write_denoising(
 
 def draw_denoising(examples: "Mapping[str, tuple[FrameTruth, Comparison]]") -> bytes:
     """Draw a row an example as PNG: the image without noise, the raw one, each method; near is below, port is left."""
-    from asfm.drawing import encode_picture
+    from asfm.visualization.drawing import encode_picture
 
     rows = []
     for scene, (truth, comparison) in examples.items():
@@ -65,8 +65,8 @@ def _draw_cell(title: str, image: ImageArray) -> NDArray[np.uint8]:
 
 def describe_denoising(table: "DenoisingTable") -> list[str]:
     """Give the mean over all frames, the PSNR scene by scene and sonar by sonar, and where masking loses."""
-    from asfm.evaluation.denoisers import RAW
-    from asfm.evaluation.denoising_table import list_losses
+    from asfm.evaluation.denoising.methods import RAW
+    from asfm.evaluation.denoising.table import list_losses
 
     rows = [("method", "PSNR dB", "over raw", "SSIM", "PSNR dB in the support", "ms a frame")]
     raw_db = table.average(RAW).psnr_db

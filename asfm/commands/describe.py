@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from asfm.datasets import open_sequence
-from asfm.datasets.summary import Row, summarise_sequence
+from asfm.datasets.sequence_summary import Row, summarise_sequence
 
 
 def describe_sequence(path: Path) -> list[Row]:

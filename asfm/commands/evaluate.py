@@ -2,16 +2,16 @@
 
 from pathlib import Path
 
-from asfm.commands.report import read_report
+from asfm.config_file import load_config
 from asfm.datasets import open_sequence, open_truth
 from asfm.datasets.tables import read_tum
-from asfm.datasets.track_table import read_tracks
 from asfm.errors import AsfmError
-from asfm.evaluation.bound import add_bound, measure_bound
-from asfm.evaluation.summary import EvaluationTable, evaluate_sequence, evaluate_trajectory
-from asfm.export import write_report
+from asfm.evaluation.accuracy_bound import add_bound, measure_bound
+from asfm.evaluation.pose_error_table import EvaluationTable, evaluate_sequence, evaluate_trajectory
+from asfm.results.report import read_report
+from asfm.results.tracks_csv import read_tracks
+from asfm.results.writers import write_report
 from asfm.sequence import Sequence
-from asfm.settings import load_config
 from asfm.types import Trajectory
 
 

@@ -4,19 +4,19 @@ import time
 from contextlib import closing
 from pathlib import Path
 
-from asfm.commands.report import RunSummary, describe_run
+from asfm.atomic_folder import atomic_folder
 from asfm.config import Config
+from asfm.config_file import dump_config
 from asfm.datasets import open_sequence
-from asfm.datasets.hloc import read_hloc
-from asfm.datasets.image_names import name_images
+from asfm.datasets.hloc.features_matches import read_hloc
+from asfm.datasets.hloc.image_names import name_images
 from asfm.datasets.tables import read_tum
 from asfm.errors import AsfmError
-from asfm.evaluation.summary import EvaluationTable, evaluate_sequence
-from asfm.export import RESULTS, write_points, write_pose_sigmas, write_report, write_tracks, write_trajectory
-from asfm.folders import atomic_folder
+from asfm.evaluation.pose_error_table import EvaluationTable, evaluate_sequence
 from asfm.recorder import NullRecorder, Recorder
+from asfm.results.report import RunSummary, describe_run
+from asfm.results.writers import RESULTS, write_points, write_pose_sigmas, write_report, write_tracks, write_trajectory
 from asfm.sequence import Sequence
-from asfm.settings import dump_config
 from asfm.stages import Progress, no_progress
 from asfm.types import Trajectory
 
@@ -45,7 +45,7 @@ def run_sequence(
     Raises:
         AsfmError: the sequence or the correspondences cannot be read, or the output folder cannot be written.
     """
-    from asfm.pipeline import reconstruct  # loads GTSAM
+    from asfm.pipeline.reconstruction import reconstruct  # loads GTSAM
 
     begin_s = time.perf_counter()
     config = config or Config()
@@ -73,7 +73,7 @@ def run_sequence(
 def _make_recorder(path: Path, sequence: Sequence, recording: bool) -> Recorder:
     if not recording:
         return NullRecorder()
-    from asfm.visualization import RerunRecorder
+    from asfm.visualization.rerun_recorder import RerunRecorder
 
     return RerunRecorder(path, sequence)
 

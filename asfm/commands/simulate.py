@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from asfm.datasets.native_writer import write_native
+from asfm.datasets.native.writer import write_native
 from asfm.datasets.tables import read_tum
 from asfm.errors import AsfmError
 from asfm.sequence import Sequence
@@ -41,7 +41,7 @@ def simulate_to(
     Raises:
         AsfmError: unknown scene, sonar, motion or format, an impossible number, or the folder cannot be written.
     """
-    from asfm.simulation.pickles import write_pickles  # loads what casts rays
+    from asfm.simulation.holoocean_writer import write_pickles  # loads what casts rays
     from asfm.simulation.simulate import simulate
 
     if format_name not in FORMATS:
@@ -60,7 +60,7 @@ def simulate_to(
 
 def _read_motion(motion: str | None) -> str | Trajectory | None:
     """Read the path where a file is meant; a motion's name has no suffix and is not the name of a file."""
-    from asfm.simulation.motions import MOTIONS
+    from asfm.simulation.vehicle.trajectories import MOTIONS
 
     if motion is None or motion in MOTIONS:
         return motion

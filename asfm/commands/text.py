@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable, Sequence
 
-from asfm.commands.report import RunSummary
-from asfm.evaluation.summary import EvaluationTable
+from asfm.evaluation.pose_error_table import EvaluationTable
+from asfm.results.report import RunSummary
 
 
 def align(rows: Iterable[Sequence[str]], numbers: Sequence[int] = ()) -> list[str]:

@@ -3,10 +3,10 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from asfm.datasets.aris import is_aris, read_aris
-from asfm.datasets.holoocean import is_holoocean, read_holoocean
-from asfm.datasets.native import is_native, open_native_truth, read_native
-from asfm.datasets.oculus import is_oculus, read_oculus
+from asfm.datasets.aris.reader import is_aris, read_aris
+from asfm.datasets.holoocean.reader import is_holoocean, read_holoocean
+from asfm.datasets.native.reader import is_native, open_native_truth, read_native
+from asfm.datasets.oculus.reader import is_oculus, read_oculus
 from asfm.errors import AsfmError
 from asfm.sequence import Sequence
 from asfm.types import FrameTruth

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from asfm.errors import AsfmError
-from asfm.poses import pose_from_tum
+from asfm.geometry.poses import pose_from_tum
 from asfm.types import FloatArray, Trajectory
 
 Row = tuple[int, list[str]]

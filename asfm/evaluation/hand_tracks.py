@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from asfm.poses import interpolate, invert, transform
-from asfm.sonar import SonarModel, project
+from asfm.geometry.poses import interpolate, invert, transform
+from asfm.geometry.sonar import SonarModel, project
 from asfm.types import BoolArray, FloatArray, HandTracks, Trajectory
 
 MIN_VIEWS = 3

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from asfm.evaluation.trajectory import summarise
-from asfm.poses import invert, transform
-from asfm.sonar import back_project, project
+from asfm.geometry.poses import invert, transform
+from asfm.geometry.sonar import back_project, project
 from asfm.types import BoolArray, FloatArray, Keypoints, Matches
 
 RANGE_TOLERANCE_M = 0.10

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asfm.errors import AsfmError
-from asfm.poses import interpolate, invert, make_pose
+from asfm.geometry.poses import interpolate, invert, make_pose
 from asfm.types import FloatArray, IntArray, Trajectory
 
 STAMP_TOLERANCE_S = 1e-3

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from asfm.evaluation.matching import BEARING_TOLERANCE_RAD, RANGE_TOLERANCE_M, look_up_elevation
-from asfm.poses import invert, transform
-from asfm.sonar import SonarModel, back_project, project
+from asfm.geometry.poses import invert, transform
+from asfm.geometry.sonar import SonarModel, back_project, project
 from asfm.types import BoolArray, FloatArray, FrameTruth, IntArray, Tracks
 
 CANDIDATES = 15

@@ -8,18 +8,18 @@ from pathlib import Path
 import numpy as np
 
 from asfm.errors import AsfmError
-from asfm.poses import interpolate, invert
+from asfm.geometry.poses import interpolate, invert
 from asfm.sequence import Sequence
-from asfm.simulation.motions import find_motion
-from asfm.simulation.navigation import SlowDrift, simulate_navigation, simulate_odometry
-from asfm.simulation.presets import find_preset
-from asfm.simulation.rays import Hits
-from asfm.simulation.renderer import Renderer, make_renderer
-from asfm.simulation.scenario import Scenario, read_scenario
-from asfm.simulation.scene import Scene
-from asfm.simulation.scenes import find_scene
-from asfm.simulation.sensor import ImagingSonar
-from asfm.simulation.surroundings import check_near, check_outside, count_blind
+from asfm.simulation.acoustics.rays import Hits
+from asfm.simulation.acoustics.renderer import Renderer, make_renderer
+from asfm.simulation.placement_checks import check_near, check_outside, count_blind
+from asfm.simulation.scenes.catalogue import find_scene
+from asfm.simulation.scenes.scene import Scene
+from asfm.simulation.sonars.holoocean_scenario import Scenario, read_scenario
+from asfm.simulation.sonars.parameters import ImagingSonar
+from asfm.simulation.sonars.presets import find_preset
+from asfm.simulation.vehicle.sensors import SlowDrift, simulate_navigation, simulate_odometry
+from asfm.simulation.vehicle.trajectories import find_motion
 from asfm.types import FloatArray, Frame, FrameTruth, SensorNoise, Trajectory
 
 SENSOR_NOISE = SensorNoise(0.02, float(np.deg2rad(0.3)), 0.01, float(np.deg2rad(0.2)), float(np.deg2rad(0.2)))
@@ -58,12 +58,12 @@ def simulate(
     The same arguments give the same bytes, frame by frame, in whatever order and on however many threads they are read.
 
     Args:
-        scene_name: a name of :data:`asfm.simulation.scenes.SCENES`, or a mesh file.
-        preset: a name of :data:`asfm.simulation.presets.PRESETS`, or a HoloOcean scenario (.json).
+        scene_name: a name of :data:`asfm.simulation.scenes.catalogue.SCENES`, or a mesh file.
+        preset: a name of :data:`asfm.simulation.sonars.presets.PRESETS`, or a HoloOcean scenario (.json).
         frame_count: frames at the sonar's rate; fewer where a given path ends before.
         seed: of everything drawn by chance.
-        motion: a name of :data:`asfm.simulation.motions.MOTIONS`, or the vehicle's path; the scene's usual motion
-            where not given.
+        motion: a name of :data:`asfm.simulation.vehicle.trajectories.MOTIONS`, or the vehicle's path; the scene's usual
+            motion where not given.
         vehicle_from_sonar: (4, 4) lever arm; the scenario's, or none, where not given.
 
     Raises:

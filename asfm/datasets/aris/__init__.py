@@ -1,0 +1,1 @@
+"""ARIS recordings (.aris)."""

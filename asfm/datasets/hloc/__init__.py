@@ -1,0 +1,1 @@
+"""Keypoints and matches in hloc's HDF5 layout."""

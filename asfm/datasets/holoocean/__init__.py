@@ -1,0 +1,1 @@
+"""HoloOcean, NeuSIS and AONeuS pickles."""

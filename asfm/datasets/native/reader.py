@@ -1,0 +1,193 @@
+"""Reader of the native sequence folder. Opening parses the text files; images are read when asked for."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from asfm.datasets.images import read_grey_png, read_png_shape, scale_to_unit
+from asfm.datasets.native.sequence_yaml import SonarSettings, read_settings
+from asfm.datasets.native.truth import read_truth_file
+from asfm.datasets.tables import check_rising, parse_integers, parse_numbers, read_csv, read_tum
+from asfm.errors import AsfmError
+from asfm.geometry.sonar import SonarModel
+from asfm.sequence import Sequence
+from asfm.types import FloatArray, Frame, FrameTruth, HandTracks, Navigation, Trajectory
+
+COVERAGE_TOLERANCE_S = 1e-3
+"""Stamps in text are rounded: less than this outside is not worth a word."""
+
+
+@dataclass(frozen=True)
+class NativeFrames:
+    """Where the images of a native folder lie."""
+
+    timestamps_s: FloatArray
+    images: tuple[Path, ...]
+    invalid_masks: tuple[Path | None, ...]
+    shape: tuple[int, int]
+    """(ranges, beams) of the first image, which all others must have."""
+    descending: bool
+    """Column 0 on disk is the most port beam: flip each image once."""
+    decibel_span: float | None = None
+    """Decibels from black to white where the images are logarithmic."""
+
+
+def is_native(path: Path) -> bool:
+    """Tell whether a folder holds a native sequence."""
+    return (path / "sequence.yaml").is_file()
+
+
+def read_native(folder: Path) -> Sequence:
+    """Open a native sequence folder.
+
+    Raises:
+        AsfmError: a file is missing or wrong; the message names the file, the row, what was expected and found.
+    """
+    settings = read_settings(folder / "sequence.yaml")
+    frames, sonar = _locate_frames(folder, settings.sonar)
+    timestamps_s = frames.timestamps_s
+    odometry = _read_trajectory(folder / "odometry.tum")
+    navigation = _read_navigation(folder / "navigation.csv")
+    warnings = []
+    if odometry is not None:
+        warnings += check_coverage(folder / "odometry.tum", odometry.timestamps_s, timestamps_s)
+    if navigation is not None:
+        warnings += check_coverage(folder / "navigation.csv", navigation.timestamps_s, timestamps_s)
+    return Sequence(
+        name=folder.resolve().name,
+        sonar=sonar,
+        timestamps_s=timestamps_s,
+        read_frame=partial(read_native_frame, frames),
+        vehicle_from_sonar=settings.vehicle_from_sonar.pose(),
+        odometry=odometry,
+        navigation=navigation,
+        groundtruth=_read_trajectory(folder / "groundtruth.tum"),
+        noise=settings.noise.sensor_noise(),
+        hand_tracks=_read_hand_tracks(folder / "landmarks.csv"),
+        kind="native",
+        warnings=tuple(warnings),
+    )
+
+
+def open_native_truth(folder: Path) -> Callable[[int], FrameTruth] | None:
+    """Give a function that reads the truth of frame i, or None where the folder holds no truth.
+
+    A frame and its truth have the same file name but for the suffix.
+
+    Raises:
+        AsfmError: as for :func:`read_native`, and for a file of truth when it is read.
+    """
+    if not (folder / "truth").is_dir():
+        return None
+    return partial(_read_frame_truth, folder / "truth", locate_native_frames(folder))
+
+
+def locate_native_frames(folder: Path) -> NativeFrames:
+    """Tell where the images of a native folder lie.
+
+    Raises:
+        AsfmError: as for :func:`read_native`.
+    """
+    return _locate_frames(folder, read_settings(folder / "sequence.yaml").sonar)[0]
+
+
+def read_native_frame(frames: NativeFrames, index: int) -> Frame:
+    """Read one image and its mask, and turn column 0 to starboard."""
+    if not 0 <= index < len(frames.images):
+        raise IndexError(f"frame {index} of a sequence with frames 0..{len(frames.images) - 1}")
+    image = scale_to_unit(read_grey_png(frames.images[index], frames.shape))
+    mask_path = frames.invalid_masks[index]
+    invalid = np.zeros(frames.shape, dtype=bool) if mask_path is None else read_grey_png(mask_path, frames.shape) > 0
+    if frames.descending:
+        image, invalid = np.ascontiguousarray(image[:, ::-1]), np.ascontiguousarray(invalid[:, ::-1])
+    return Frame(index, float(frames.timestamps_s[index]), image, invalid, frames.decibel_span)
+
+
+def make_sonar(settings: SonarSettings, shape: tuple[int, int], path: Path) -> tuple[SonarModel, bool]:
+    """Make the sonar model of images of (ranges, beams); also tell whether their columns run from port to starboard."""
+    if min(shape) < 2:
+        raise AsfmError(f"{path}: expected images of at least 2 x 2 pixels, found {shape[0]} x {shape[1]}")
+    aperture_rad = float(np.radians(settings.elevation_aperture_deg))
+    if settings.bearing_deg is not None:
+        first_rad, last_rad = (float(np.radians(edge)) for edge in settings.bearing_deg)
+        edges_rad = (min(first_rad, last_rad), max(first_rad, last_rad))
+        model = SonarModel.evenly_spaced(settings.name, settings.range_m, edges_rad, shape, aperture_rad)
+        return model, first_rad > last_rad
+    bearings_rad = np.radians(np.array(settings.bearings_deg))
+    if len(bearings_rad) != shape[1]:
+        raise AsfmError(
+            f"{path}: expected {shape[1]} sonar.bearings_deg, one for each column of the first image, "
+            f"found {len(bearings_rad)}"
+        )
+    rows = SonarModel.evenly_spaced(settings.name, settings.range_m, (-1.0, 1.0), shape, aperture_rad)
+    return SonarModel(settings.name, rows.range_m, np.sort(bearings_rad), aperture_rad), bool(
+        bearings_rad[0] > bearings_rad[-1]
+    )
+
+
+def check_coverage(path: Path, timestamps_s: FloatArray, frames_s: FloatArray) -> list[str]:
+    """Warn of frames outside the stamps of a sensor; raise AsfmError where there is no common time at all."""
+    start, end = float(timestamps_s[0]), float(timestamps_s[-1])
+    outside = (frames_s < start - COVERAGE_TOLERANCE_S) | (frames_s > end + COVERAGE_TOLERANCE_S)
+    if not outside.any():
+        return []
+    spans = f"{start:.3f} to {end:.3f} s, the frames run from {frames_s[0]:.3f} to {frames_s[-1]:.3f} s"
+    if outside.all() and (end < frames_s[0] or start > frames_s[-1]):
+        raise AsfmError(f"{path}: it covers {spans}: no common time; correct the stamps or remove the file")
+    return [f"{path.name} covers {spans}: {outside.sum()} of {len(frames_s)} frames lie outside"]
+
+
+def _locate_frames(folder: Path, settings: SonarSettings) -> tuple[NativeFrames, SonarModel]:
+    timestamps_s, images, invalid_masks = _read_frames_table(folder)
+    shape = read_png_shape(images[0])
+    sonar, descending = make_sonar(settings, shape, folder / "sequence.yaml")
+    return NativeFrames(timestamps_s, images, invalid_masks, shape, descending, settings.decibel_span), sonar
+
+
+def _read_frame_truth(folder: Path, frames: NativeFrames, index: int) -> FrameTruth:
+    name = frames.images[index].with_suffix(".npz").name
+    return read_truth_file(folder / name, frames.shape, frames.descending)
+
+
+def _read_frames_table(folder: Path) -> tuple[FloatArray, tuple[Path, ...], tuple[Path | None, ...]]:
+    path = folder / "frames.csv"
+    columns, rows = read_csv(path, ("timestamp_s", "image"), ("invalid_mask",))
+    timestamps_s = parse_numbers(path, rows, columns["timestamp_s"], "timestamp_s")
+    check_rising(path, rows, timestamps_s)
+    for line, cells in rows:
+        if not cells[columns["image"]]:
+            raise AsfmError(f"{path}, line {line}: expected the name of an image, found an empty cell")
+    images = tuple(folder / cells[columns["image"]] for _, cells in rows)
+    mask_column = columns.get("invalid_mask")
+    if mask_column is None:
+        return timestamps_s, images, (None,) * len(images)
+    names = (cells[mask_column] for _, cells in rows)
+    return timestamps_s, images, tuple(folder / name if name else None for name in names)
+
+
+def _read_trajectory(path: Path) -> Trajectory | None:
+    return read_tum(path) if path.exists() else None
+
+
+def _read_navigation(path: Path) -> Navigation | None:
+    if not path.exists():
+        return None
+    names = ("timestamp_s", "z_m", "roll_rad", "pitch_rad")
+    columns, rows = read_csv(path, names)
+    timestamps_s, z_m, roll_rad, pitch_rad = (parse_numbers(path, rows, columns[name], name) for name in names)
+    check_rising(path, rows, timestamps_s)
+    return Navigation(timestamps_s, z_m, roll_rad, pitch_rad)
+
+
+def _read_hand_tracks(path: Path) -> HandTracks | None:
+    if not path.exists():
+        return None
+    columns, rows = read_csv(path, ("timestamp_s", "landmark", "range_m", "bearing_rad"))
+    timestamps_s, range_m, bearing_rad = (
+        parse_numbers(path, rows, columns[name], name) for name in ("timestamp_s", "range_m", "bearing_rad")
+    )
+    landmark = parse_integers(path, rows, columns["landmark"], "landmark")
+    return HandTracks(timestamps_s, landmark, range_m, bearing_rad)

@@ -1,0 +1,158 @@
+"""sequence.yaml of the native folder: its keys, units, defaults and bounds."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from asfm.errors import AsfmError
+from asfm.geometry.poses import pose_from_tum, tum_from_pose
+from asfm.types import FloatArray, SensorNoise
+
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Sigma = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Degrees = Annotated[float, Field(ge=-180, le=180)]
+
+
+class Part(BaseModel):
+    """A mapping of sequence.yaml; an unknown key is an error."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class SonarSettings(Part):
+    """The sonar's pixel grid."""
+
+    name: str = "unnamed sonar"
+    range_m: tuple[Number, Number]
+    """Near edge of row 0, far edge of the last row."""
+    bearing_deg: tuple[Degrees, Degrees] | None = None
+    """Outer edge of the first column, of the last column."""
+    bearings_deg: tuple[Degrees, ...] | None = None
+    """Centre of every column, where they are spaced unevenly."""
+    elevation_aperture_deg: float = Field(gt=0, le=180)
+    decibel_span: float | None = Field(default=None, gt=0)
+    """Decibels from black to white where the images are logarithmic."""
+
+    @model_validator(mode="after")
+    def _check_edges(self) -> "SonarSettings":
+        near, far = self.range_m
+        if not 0 <= near < far:
+            raise ValueError(f"expected range_m: [near, far] with 0 <= near < far, found {[near, far]}")
+        if (self.bearing_deg is None) == (self.bearings_deg is None):
+            raise ValueError("expected either bearing_deg (two outer edges) or bearings_deg (one a column)")
+        if self.bearing_deg is not None and self.bearing_deg[0] == self.bearing_deg[1]:
+            raise ValueError(f"expected two different bearing_deg, found {list(self.bearing_deg)}")
+        if self.bearings_deg is not None:
+            steps = np.diff(self.bearings_deg)
+            if len(steps) == 0 or not (np.all(steps > 0) or np.all(steps < 0)):
+                raise ValueError("expected two or more bearings_deg that all rise or all fall")
+        return self
+
+
+class MountSettings(Part):
+    """Where the sonar sits on the vehicle."""
+
+    translation_m: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
+    quaternion_xyzw: tuple[Number, Number, Number, Number] = (0.0, 0.0, 0.0, 1.0)
+
+    @model_validator(mode="after")
+    def _check_rotation(self) -> "MountSettings":
+        if abs(np.linalg.norm(self.quaternion_xyzw) - 1.0) > 0.1:
+            raise ValueError(f"expected a unit quaternion, found {list(self.quaternion_xyzw)}")
+        return self
+
+    def pose(self) -> FloatArray:
+        """Give vehicle_from_sonar, (4, 4)."""
+        return pose_from_tum(np.array([*self.translation_m, *self.quaternion_xyzw]))
+
+    @classmethod
+    def from_pose(cls, vehicle_from_sonar: FloatArray) -> "MountSettings":
+        """Turn vehicle_from_sonar, (4, 4), into text form."""
+        row = [float(value) for value in tum_from_pose(vehicle_from_sonar)]
+        return cls(translation_m=(row[0], row[1], row[2]), quaternion_xyzw=(row[3], row[4], row[5], row[6]))
+
+
+class OdometryNoise(Part):
+    """One step's standard deviations."""
+
+    translation_m: Sigma = SensorNoise.odometry_translation_m
+    rotation_deg: Sigma = float(np.degrees(SensorNoise.odometry_rotation_rad))
+
+
+class NavigationNoise(Part):
+    """One reading's standard deviations."""
+
+    z_m: Sigma = SensorNoise.navigation_z_m
+    roll_deg: Sigma = float(np.degrees(SensorNoise.navigation_roll_rad))
+    pitch_deg: Sigma = float(np.degrees(SensorNoise.navigation_pitch_rad))
+
+
+class NoiseSettings(Part):
+    """What the sequence states of its own sensors."""
+
+    odometry: OdometryNoise = OdometryNoise()
+    navigation: NavigationNoise = NavigationNoise()
+
+    def sensor_noise(self) -> SensorNoise:
+        """Turn degrees into radians."""
+        return SensorNoise(
+            odometry_translation_m=self.odometry.translation_m,
+            odometry_rotation_rad=float(np.radians(self.odometry.rotation_deg)),
+            navigation_z_m=self.navigation.z_m,
+            navigation_roll_rad=float(np.radians(self.navigation.roll_deg)),
+            navigation_pitch_rad=float(np.radians(self.navigation.pitch_deg)),
+        )
+
+    @classmethod
+    def from_sensor_noise(cls, noise: SensorNoise) -> "NoiseSettings":
+        """Turn radians into degrees."""
+        odometry = OdometryNoise(
+            translation_m=noise.odometry_translation_m, rotation_deg=float(np.degrees(noise.odometry_rotation_rad))
+        )
+        navigation = NavigationNoise(
+            z_m=noise.navigation_z_m,
+            roll_deg=float(np.degrees(noise.navigation_roll_rad)),
+            pitch_deg=float(np.degrees(noise.navigation_pitch_rad)),
+        )
+        return cls(odometry=odometry, navigation=navigation)
+
+
+class SequenceSettings(Part):
+    """All of sequence.yaml."""
+
+    sonar: SonarSettings
+    vehicle_from_sonar: MountSettings = MountSettings()
+    noise: NoiseSettings = NoiseSettings()
+
+
+def read_settings(path: Path) -> SequenceSettings:
+    """Read sequence.yaml.
+
+    Raises:
+        AsfmError: the file cannot be read, or names a key or value that does not belong there.
+    """
+    try:
+        settings: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
+        raise AsfmError(f"{path}: cannot read the settings: {' '.join(str(error).split())}") from None
+    try:
+        return SequenceSettings.model_validate({} if settings is None else settings)
+    except ValidationError as error:
+        raise AsfmError(explain(error, str(path))) from None
+
+
+def explain(error: ValidationError, where: str) -> str:
+    """Say in one line which key is at fault and why."""
+    first = error.errors()[0]
+    name = ".".join(str(part) for part in first["loc"]) or "the file"
+    if first["type"] == "extra_forbidden":
+        return f"{where}: unknown key {name!r}: remove it or correct its name"
+    if first["type"] == "missing":
+        return f"{where}: expected the key {name!r}, found none"
+    if first["type"] == "value_error":
+        return f"{where}: {name}: {first['msg'].removeprefix('Value error, ')}"
+    found = repr(first["input"])
+    return f"{where}: {name}: {first['msg']}, found {found if len(found) < 80 else found[:77] + '...'}"

@@ -1,0 +1,1 @@
+"""Blueprint Oculus messages (.raw)."""

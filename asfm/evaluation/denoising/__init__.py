@@ -1,0 +1,1 @@
+"""Evaluation of denoising: methods, metrics, and their table."""

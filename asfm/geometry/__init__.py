@@ -1,0 +1,1 @@
+"""Geometry: sonar model, poses, elevation arcs, planar motion and fan images."""

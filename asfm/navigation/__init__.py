@@ -1,0 +1,1 @@
+"""Odometry, depth and attitude: read at the frames' stamps, cleaned and checked against each other."""

@@ -1,0 +1,189 @@
+"""Odometry before the court: what the images say of it, and whom they believe where navigation contradicts it."""
+
+from collections.abc import Sequence as Rows
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from asfm.config import Config
+from asfm.geometry.poses import invert, make_pose
+from asfm.geometry.sonar import feature_sigma
+from asfm.navigation.depth_attitude import Levels, tilt_of
+from asfm.navigation.odometry_hypotheses import GIVEN, Sighting, expected_miss, miss_distance, propose_faults
+from asfm.navigation.outlier_filter import TO_SIGMA
+from asfm.navigation.sensor_consistency import compare_levels, name_contradictions
+from asfm.navigation.sensor_constraints import SensorConstraints
+from asfm.sequence import Sequence
+from asfm.types import FloatArray, SensorNoise
+
+FEWEST_PAIRS = 8
+"""Pairs of frames below which the images are no witness."""
+CONTRADICTED = 1.5
+"""Odometry is contradicted when points lie this many times the expected distance from where it puts them; right
+odometry makes about half of it."""
+DOUBTFUL = 0.75
+"""From this many times on it is, too, where it is worse than no motion at all, or a usual fault explains it."""
+BETTER = 0.6
+"""Another explanation counts when it leaves at most this share of the distance."""
+EQUAL = 1.15
+"""Explanations whose distances differ by less are equal."""
+WORSE = 1.25
+"""Odometry is worse than no motion at all when it leaves this many times its distance."""
+AS_GOOD = 0.9
+"""The images side with navigation when its height and tilt take the distance below this share."""
+STILL = "without any motion"
+SHOWN = "by the motion that the images show"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """How far points lie from where each explanation puts them, in the median over pairs of frames."""
+
+    pairs: int
+    missed_m: dict[str, float]
+    over_expected: float
+    """Odometry's own distance over what noise makes of it."""
+
+    @property
+    def likely(self) -> str | None:
+        """The fault without which odometry fits the images best, if it fits them well; of equals the commonest."""
+        faults = {name: miss_m for name, miss_m in self.missed_m.items() if name not in (GIVEN, STILL, SHOWN)}
+        least_m = min(faults.values())
+        best = next(name for name, miss_m in faults.items() if miss_m <= EQUAL * least_m)
+        return best if least_m < BETTER * self.missed_m[GIVEN] else None
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the images contradict the odometry clearly."""
+        given_m = self.missed_m[GIVEN]
+        if self.missed_m[SHOWN] > BETTER * given_m:
+            return False
+        doubtful = self.likely is not None or given_m > WORSE * self.missed_m[STILL]
+        return self.over_expected > (DOUBTFUL if doubtful else CONTRADICTED)
+
+
+def judge_odometry(
+    world_from_vehicle: FloatArray,
+    sensors: SensorConstraints,
+    sightings: Rows[Sighting],
+    sequence: Sequence,
+    config: Config,
+) -> Verdict | None:
+    """Hold odometry, (N, 4, 4), and what it may be in truth against the images; None where these show too little."""
+    if len(sightings) < FEWEST_PAIRS:
+        return None
+    lever = sequence.vehicle_from_sonar
+    missed_m = {
+        name: float(np.median([miss_distance(seen, poses @ lever, sequence.sonar) for seen in sightings]))
+        for name, poses in propose_faults(world_from_vehicle, lever).items()
+    }
+    still = np.broadcast_to(np.eye(4), world_from_vehicle.shape)
+    missed_m[STILL] = float(np.median([miss_distance(seen, still, sequence.sonar) for seen in sightings]))
+    missed_m[SHOWN] = float(np.median([_own_miss(seen, sequence) for seen in sightings]))
+    sigma = feature_sigma(sequence.sonar, config.noise)
+    over = [
+        miss_distance(seen, world_from_vehicle @ lever, sequence.sonar) / expected_miss(seen, sigma, sensors.step_sigma)
+        for seen in sightings
+    ]
+    return Verdict(len(sightings), missed_m, float(np.median(over)))
+
+
+def _own_miss(sighting: Sighting, sequence: Sequence) -> float:
+    pair = np.stack([np.eye(4), sighting.a_from_b])
+    return miss_distance(replace(sighting, frame_a=0, frame_b=1), pair, sequence.sonar)
+
+
+def describe_verdict(verdict: Verdict, sigma: FloatArray) -> str:
+    """Say in one sentence that the images contradict odometry, and how well its steps count as known from now on."""
+    given_m, shown_m = verdict.missed_m[GIVEN], verdict.missed_m[SHOWN]
+    likely = verdict.likely
+    seems = f", or {verdict.missed_m[likely]:.2g} m {likely}: so it is taken" if likely else ""
+    return (
+        f"odometry contradicts the images: over {verdict.pairs} pairs of frames points lie {given_m:.2g} m from where "
+        f"its steps put them, {verdict.over_expected:.1f} times what noise makes, and {shown_m:.2g} m {SHOWN}{seems}; "
+        f"its steps count as known to {np.rad2deg(sigma[0]):.2g} deg and {sigma[1]:.2g} m only"
+    )
+
+
+def describe_shift(shift_s: float, sigma: FloatArray) -> str:
+    """Say that odometry and navigation agree but for their stamps."""
+    return (
+        "odometry and navigation contradict each other in roll and pitch, and agree with odometry about "
+        f"{abs(shift_s):.2g} s {'earlier' if shift_s > 0 else 'later'}: its stamps seem wrong; "
+        f"its steps count as known to {np.rad2deg(sigma[0]):.2g} deg and {sigma[1]:.2g} m only"
+    )
+
+
+def measure_disagreement(
+    world_from_vehicle: FloatArray, sightings: Rows[Sighting], vehicle_from_sonar: FloatArray
+) -> FloatArray:
+    """Give sigmas (2,) of one step, rotation in rad and translation in m, that cover how odometry and images differ."""
+    world_from_sonar = world_from_vehicle @ vehicle_from_sonar
+    differs = []
+    for seen in sightings:
+        between = invert(world_from_sonar[seen.frame_a]) @ world_from_sonar[seen.frame_b]
+        turn_rad = np.linalg.norm(Rotation.from_matrix(between[:3, :3].T @ seen.a_from_b[:3, :3]).as_rotvec())
+        shift_m = np.linalg.norm(between[:2, 3] - seen.a_from_b[:2, 3])
+        differs.append(np.array([turn_rad, shift_m]) / abs(seen.frame_b - seen.frame_a))
+    return np.asarray(TO_SIGMA * np.median(differs, axis=0))
+
+
+def settle_levels(
+    world_from_vehicle: FloatArray,
+    sensors: SensorConstraints,
+    sightings: Rows[Sighting],
+    sequence: Sequence,
+) -> tuple[FloatArray, SensorConstraints]:
+    """Where odometry and navigation contradict each other, take the one that the images believe.
+
+    Without a clear answer of the images it is navigation that is left out: what is left is consistent in itself.
+
+    Returns:
+        (N, 4, 4) poses to start from, and what holds them.
+    """
+    levels = Levels(sensors.z_roll_pitch, sensors.z_roll_pitch_sigma)
+    agreement = compare_levels(world_from_vehicle, levels, sequence.noise)
+    wrong = agreement.contradicts
+    if not wrong.any():
+        return world_from_vehicle, sensors
+    sentences = name_contradictions(agreement)
+    lever = sequence.vehicle_from_sonar
+    if len(sightings) >= FEWEST_PAIRS:
+        readings = np.where(wrong, sensors.z_roll_pitch, tilt_of(world_from_vehicle))
+        corrected = _take_levels(world_from_vehicle, readings)
+        given, other = (
+            float(np.mean([miss_distance(seen, poses @ lever, sequence.sonar) for seen in sightings]))
+            for poses in (world_from_vehicle, corrected)
+        )
+        if other < AS_GOOD * given:
+            told = f"the images believe navigation ({other:.2g} m instead of {given:.2g} m): odometry takes it over"
+            sentences = tuple(f"{sentence}; {told}" for sentence in sentences)
+            return corrected, take_over(sensors, corrected, sequence.noise, sentences)
+    sigma = sensors.z_roll_pitch_sigma.copy()
+    sigma[:, wrong] = np.inf
+    warnings = (*sensors.warnings, *(f"{sentence}; navigation's is left out" for sentence in sentences))
+    return world_from_vehicle, replace(sensors, z_roll_pitch_sigma=sigma, warnings=warnings)
+
+
+def take_over(
+    sensors: SensorConstraints, world_from_vehicle: FloatArray, noise: SensorNoise, sentences: tuple[str, ...]
+) -> SensorConstraints:
+    """Measure the steps between corrected poses, (N, 4, 4), with the noise that the readings added to them."""
+    angle_rad = max(noise.navigation_roll_rad, noise.navigation_pitch_rad)
+    added = np.sqrt(2.0) * np.array([angle_rad, noise.navigation_z_m])
+    return replace(
+        sensors,
+        first_pose=world_from_vehicle[0],
+        steps=invert(world_from_vehicle[:-1]) @ world_from_vehicle[1:],
+        step_sigma=np.hypot(sensors.step_sigma, added),
+        warnings=(*sensors.warnings, *sentences),
+    )
+
+
+def _take_levels(world_from_vehicle: FloatArray, z_roll_pitch: FloatArray) -> FloatArray:
+    """Give poses the (N, 3) height, roll and pitch of readings, and leave heading and place."""
+    heading_rad = np.arctan2(world_from_vehicle[:, 1, 0], world_from_vehicle[:, 0, 0])
+    angles = np.stack([heading_rad, z_roll_pitch[:, 2], z_roll_pitch[:, 1]], axis=1)
+    place = np.concatenate([world_from_vehicle[:, :2, 3], z_roll_pitch[:, :1]], axis=1)
+    return make_pose(place, Rotation.from_euler("ZYX", angles))

@@ -1,0 +1,1 @@
+"""The reconstruction pipeline: the only code that knows both front-end and back-end."""

@@ -1,0 +1,1 @@
+"""The results folder: every file that a run writes, written and read."""

@@ -1,0 +1,1 @@
+"""Acoustics: rays, echoes, backscatter, speckle and the receiver."""

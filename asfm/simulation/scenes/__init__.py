@@ -1,0 +1,1 @@
+"""Scenes: their shapes, meshes and materials."""

@@ -1,0 +1,1 @@
+"""Sonar parameters and presets."""

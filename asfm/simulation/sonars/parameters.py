@@ -1,0 +1,157 @@
+"""The simulated sonar's description, with HoloOcean's parameter names as aliases."""
+
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from asfm.errors import AsfmError
+from asfm.geometry.sonar import SonarModel
+from asfm.types import FloatArray
+
+
+def _holoocean_name(field: str) -> str:
+    """Spell a field as HoloOcean does: range_min -> RangeMin."""
+    return "".join(part.capitalize() for part in field.split("_"))
+
+
+MAX_CELLS = 20_000_000
+"""Rays, or pixels, of one ping at most: what a laptop's memory holds."""
+TEXTS = {"name", "Name"}
+SWITCHES = {"multi_path", "MultiPath", "independent_beams", "IndependentBeams"}
+
+
+class ImagingSonar(BaseModel):
+    """One imaging sonar: its grid, its beams, its noise.
+
+    Fields are HoloOcean's ImagingSonar parameters in snake case (``range_bins`` is ``RangeBins``; either name is
+    read); units are HoloOcean's: metres and degrees. Those after ``rate_hz`` are asfm's own.
+    """
+
+    model_config = ConfigDict(
+        extra="forbid",
+        frozen=True,
+        populate_by_name=True,
+        alias_generator=_holoocean_name,
+        allow_inf_nan=False,
+    )
+
+    range_min: float = Field(default=0.1, ge=0)
+    """Near edge of the first row, m."""
+    range_max: float = Field(default=10.0, gt=0)
+    """Far edge of the last row, m."""
+    range_bins: int = Field(default=512, ge=2)
+    azimuth: float = Field(default=120.0, gt=0, lt=180)
+    """Full opening across the beams, deg."""
+    azimuth_bins: int = Field(default=512, ge=2)
+    elevation: float = Field(default=20.0, gt=0, lt=180)
+    """Full opening in elevation, deg."""
+    elevation_bins: int = Field(default=420, ge=2)
+    """Rays cast in every beam."""
+    add_sigma: float = Field(default=0.04, ge=0)
+    """Scale of the additive Rayleigh background, in image units (1 is white)."""
+    mult_sigma: float = Field(default=0.35, ge=0, le=1)
+    """Contrast (standard deviation over mean) of the multiplicative speckle."""
+    range_sigma: float = Field(default=0.0, ge=0)
+    """Mean of an exponential delay of single echoes, m."""
+    multi_path: bool = False
+    """Add the echoes that come by way of a mirror-like bounce."""
+
+    name: str = "imaging sonar"
+    rate_hz: float = Field(default=5.0, gt=0)
+    bearings_deg: tuple[float, ...] | None = None
+    """Centre of every beam where the maker's are uneven, starboard (negative) to port; replaces ``azimuth``."""
+    beam_width_deg: float | None = Field(default=None, gt=0)
+    """Width of one beam at half power (two-way); one column where not given."""
+    pulse_length_m: float | None = Field(default=None, gt=0)
+    """Length of the compressed pulse at half power; one row where not given."""
+    side_lobe_db: float = Field(default=-32.0, le=0)
+    """First side lobe of a beam below its main lobe, two-way power."""
+    cross_talk_db: float = Field(default=-48.0, le=0)
+    """Power that each beam takes from the mean of all beams at the same range."""
+    azimuth_edge_db: float = Field(default=-3.0, le=0)
+    """Two-way power of the transmitter towards the outermost beams."""
+    elevation_edge_db: float = Field(default=-6.0, le=0)
+    """Two-way power at the edges of the elevation aperture."""
+    specular_strength: float = Field(default=1.0, ge=0)
+    """Mirror-like part of the echo at normal incidence, relative to the diffuse one."""
+    specular_exponent: float = Field(default=24.0, gt=0)
+    tvg_exponent: float = 4.0
+    """Time-varying gain in power of range; 4 undoes the two-way spherical spreading."""
+    absorption_db_per_m: float = Field(default=0.0, ge=0)
+    """One-way absorption that the time-varying gain does not undo."""
+    noise_range_exponent: float = 0.0
+    """How the background's scale grows with range: (range / range_max) ** exponent."""
+    near_sigma: float = Field(default=0.0, ge=0)
+    """Rayleigh scale of the water's reverberation, at range_min and on the axis, added in power to the background."""
+    near_exponent: float = Field(default=1.0, ge=0)
+    """How reverberation falls with range: (range_min / range) ** exponent."""
+    threshold: float = Field(default=0.0, ge=0, lt=1)
+    """Image value that the sonar takes off every pixel, cutting what is below."""
+    independent_beams: bool = False
+    """Noise and speckle are drawn for every beam by itself, as behind an acoustic lens or in HoloOcean; else beams
+    whose lobes overlap hear alike."""
+    multi_path_db: float = Field(default=-14.0, le=0)
+    """Power that two mirror-like bounces leave of a second-bounce echo."""
+    gain: float | None = Field(default=None, gt=0)
+    """Image units per root of echo density; set from the scene, as an operator would, where not given."""
+
+    @model_validator(mode="after")
+    def _check(self) -> "ImagingSonar":
+        if self.range_min >= self.range_max:
+            raise ValueError(f"RangeMin {self.range_min} must be below RangeMax {self.range_max}")
+        for name, bins in (("RangeBins", self.range_bins), ("ElevationBins", self.elevation_bins)):
+            if self.azimuth_bins * bins > MAX_CELLS:
+                raise ValueError(f"AzimuthBins {self.azimuth_bins} x {name} {bins} is more than {MAX_CELLS}")
+        if self.bearings_deg is not None:
+            if len(self.bearings_deg) != self.azimuth_bins:
+                raise ValueError(f"bearings_deg has {len(self.bearings_deg)} beams, AzimuthBins is {self.azimuth_bins}")
+            if np.any(np.diff(self.bearings_deg) <= 0):
+                raise ValueError("bearings_deg must rise from starboard to port")
+        return self
+
+
+def _check_kinds(settings: dict[str, Any], where: str) -> None:
+    """Refuse text and truth values where a number belongs, which pydantic would convert: they are slips."""
+    for key, value in settings.items():
+        if isinstance(value, str) and key not in TEXTS:
+            raise AsfmError(f"{where}: sonar parameter {key!r}: expected a number, found {value!r}")
+        if isinstance(value, bool) and key not in SWITCHES:
+            raise AsfmError(f"{where}: sonar parameter {key!r}: expected a number, found {str(value).lower()}")
+
+
+def parse_sonar(settings: dict[str, Any], where: str) -> ImagingSonar:
+    """Validate settings under HoloOcean's names or ours.
+
+    Raises:
+        AsfmError: an unknown key or an impossible value; ``where`` begins the message.
+    """
+    known_names = {name for field in ImagingSonar.model_fields for name in (field, _holoocean_name(field))}
+    _check_kinds({key: value for key, value in settings.items() if key in known_names}, where)
+    try:
+        return ImagingSonar.model_validate(settings)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        if first["type"] == "extra_forbidden":
+            known = ", ".join(_holoocean_name(field) for field in ImagingSonar.model_fields)
+            raise AsfmError(f"{where}: unknown sonar parameter {key!r}; known: {known}") from None
+        message = first["msg"].removeprefix("Value error, ")
+        if key:
+            message = (
+                f"sonar parameter {key!r}: {message.replace('Input should be', 'expected')}, found {first['input']!r}"
+            )
+        raise AsfmError(f"{where}: {message}") from None
+
+
+def make_sonar_model(sonar: ImagingSonar) -> SonarModel:
+    """Give the pixel grid of a simulated sonar."""
+    aperture_rad = np.deg2rad(sonar.elevation)
+    range_m = (sonar.range_min, sonar.range_max)
+    if sonar.bearings_deg is None:
+        half_rad = np.deg2rad(sonar.azimuth) / 2
+        shape = (sonar.range_bins, sonar.azimuth_bins)
+        return SonarModel.evenly_spaced(sonar.name, range_m, (-half_rad, half_rad), shape, aperture_rad)
+    edges_m: FloatArray = np.linspace(*range_m, sonar.range_bins + 1)
+    centres_m = 0.5 * (edges_m[1:] + edges_m[:-1])
+    return SonarModel(sonar.name, centres_m, np.deg2rad(np.array(sonar.bearings_deg)), aperture_rad)

@@ -1,0 +1,1 @@
+"""The vehicle: its trajectories and navigation sensors."""

@@ -1,0 +1,1 @@
+"""Visualization in Rerun: the only folder that imports it."""

@@ -1,0 +1,1 @@
+"""Ambiguities of the sonar alone: mirror image, partial mirroring and motion prior."""

@@ -1,0 +1,1 @@
+"""Diagnostics of a solution: connectivity and observability."""

@@ -1,0 +1,44 @@
+"""What the poses rest on: which frames the sonar tied together, and what held the others."""
+
+import numpy as np
+
+from asfm.backend.estimation.solution import Solution
+from asfm.backend.stretches import name_stretches
+from asfm.config import Config
+from asfm.sequence import Sequence
+from asfm.types import BoolArray
+
+MIN_LINKS = 3
+"""Fewest landmarks that two parts of a trajectory must share to be tied together."""
+
+
+def describe_support(sequence: Sequence, solution: Solution, config: Config) -> tuple[str, ...]:
+    """Say in one sentence each which stretches of the trajectory the sonar does not support."""
+    if len(sequence) == 1:
+        return ("the sequence has one frame: nothing to reconstruct, its pose is held",)
+    loose = ~linked_steps(solution, len(sequence))
+    if not loose.any():
+        return ()
+    stand_in = "odometry" if sequence.odometry is not None and config.backend.use_odometry else "the last pose"
+    if loose.all():
+        return (f"no two frames share {MIN_LINKS} landmarks: all {len(sequence)} poses are held by {stand_in}",)
+    stretches = ", ".join(name_stretches(loose, last=1))
+    return (
+        f"{int(loose.sum())} of {len(loose)} steps are not supported by the sonar (fewer than {MIN_LINKS} shared "
+        f"landmarks): the poses are held by {stand_in} between frames {stretches}",
+    )
+
+
+def linked_steps(solution: Solution, frame_count: int) -> BoolArray:
+    """Tell which steps from a frame to the next are spanned by enough landmarks: (N - 1,).
+
+    A landmark spans a step when it is used both before and after it.
+    """
+    used = solution.observed
+    track, frame = solution.tracks.track[used], solution.tracks.frame[used]
+    if not len(track):
+        return np.zeros(max(frame_count - 1, 0), dtype=bool)
+    begins = np.flatnonzero(np.diff(track, prepend=-1))
+    ends = np.append(begins[1:], len(track)) - 1
+    change = np.bincount(frame[begins], minlength=frame_count) - np.bincount(frame[ends], minlength=frame_count)
+    return np.asarray(np.cumsum(change)[:-1] >= MIN_LINKS)

@@ -1,0 +1,90 @@
+"""Which directions of the poses the data do not hold, and from where a trajectory is not to be trusted."""
+
+import numpy as np
+
+from asfm.backend.estimation.solution import Solution
+from asfm.backend.graph.marginal_covariance import Uncertainty
+from asfm.backend.stretches import name_stretches
+from asfm.navigation.sensor_constraints import SensorConstraints
+from asfm.types import BoolArray, FloatArray
+
+SPAN = 10
+"""Frames over which a motion is judged: what sonar adds to a single step is little, and adds up."""
+HELD = 0.9
+"""Standard deviation over that without sonar and navigation from which on a direction is held by the steps alone."""
+LEAST_STRETCH = 5
+"""Shorter stretches of frames are not worth a word."""
+DOUBT = 0.1
+"""Standard deviation of the position, over the length of the path, from which on the trajectory is in doubt."""
+LEAST_PATH = 0.1
+"""A path shorter than this share of the range is taken for so long: a sonar that stands still has none."""
+DIRECTIONS = ("roll", "pitch", "yaw", "forward motion", "sideways motion", "height")
+"""In the vehicle's frame, as the covariances have them."""
+
+
+def describe_reliability(solution: Solution, uncertainty: Uncertainty) -> tuple[str, ...]:
+    """Say in one sentence each what the poses owe to no measurement, and from where they are in doubt."""
+    used = solution.observed
+    if not used.any():
+        return ()
+    range_m = float(np.median(solution.tracks.range_m[used]))
+    doubt = describe_doubt(uncertainty, solution.bundle.world_from_vehicle, range_m)
+    return (*describe_weakness(uncertainty, solution.problem.sensors), *doubt)
+
+
+def describe_weakness(uncertainty: Uncertainty, sensors: SensorConstraints) -> tuple[str, ...]:
+    """Say by name which directions only the odometry, or the assumption of little motion, holds, and in which frames.
+
+    Args:
+        uncertainty: measured over spans of :data:`SPAN` frames, or fewer in a shorter sequence.
+        sensors: the steps and their sigmas.
+    """
+    held = find_held(uncertainty, sensors)
+    stretches: dict[str, list[str]] = {}
+    for axis, name in enumerate(DIRECTIONS):
+        found = ", ".join(name_stretches(held[:, axis], LEAST_STRETCH))
+        if found:
+            stretches.setdefault(found, []).append(name)
+    holder = "the odometry" if sensors.measured else "the assumption that the vehicle moves little"
+    return tuple(
+        f"{_join(names)} {'is' if len(names) == 1 else 'are'} held by {holder} alone in frames {frames}"
+        for frames, names in stretches.items()
+    )
+
+
+def find_held(uncertainty: Uncertainty, sensors: SensorConstraints) -> BoolArray:
+    """Find the directions in which nothing but the steps tells a motion: (N, 6), true in all frames of such spans."""
+    count, spans = len(uncertainty.pose), len(uncertainty.span)
+    span = count - spans
+    total = np.concatenate([np.zeros((1, 2)), np.cumsum(sensors.step_sigma**2, axis=0)])
+    prior = np.sqrt(total[span:] - total[:spans])  # rotation and translation of each span without the sonar
+    sigma = np.sqrt(np.maximum(np.diagonal(uncertainty.span, axis1=1, axis2=2), 0))
+    loose = sigma >= HELD * np.repeat(prior, 3, axis=1)
+    held = np.zeros((count, 6), dtype=bool)
+    for shift in range(span + 1):
+        held[shift : shift + spans] |= loose
+    return held
+
+
+def describe_doubt(uncertainty: Uncertainty, world_from_vehicle: FloatArray, range_m: float) -> tuple[str, ...]:
+    """Say from which frame on the position is too uncertain to be trusted, if it is.
+
+    Args:
+        uncertainty: of the poses, relative to the first one or to the world.
+        world_from_vehicle: (N, 4, 4)
+        range_m: a typical one of the landmarks.
+    """
+    sigma_m = np.sqrt(np.linalg.eigvalsh(uncertainty.pose[:, 3:, 3:])[:, -1])
+    path_m = float(np.linalg.norm(np.diff(world_from_vehicle[:, :3, 3], axis=0), axis=1).sum())
+    doubtful = np.flatnonzero(sigma_m > DOUBT * max(path_m, LEAST_PATH * range_m))
+    if not len(doubtful):
+        return ()
+    return (
+        f"the trajectory is not to be trusted from frame {doubtful[0]} on: its position is uncertain by "
+        f"{sigma_m[doubtful[0]]:.2g} m there and {sigma_m[-1]:.2g} m at the end (one sigma), on a path of "
+        f"{path_m:.2g} m",
+    )
+
+
+def _join(names: list[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

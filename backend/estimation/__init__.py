@@ -1,0 +1,1 @@
+"""One round of estimation: triangulate, reject, weigh, adjust."""

@@ -1,0 +1,1 @@
+"""Factor graph in GTSAM: factors, bundle adjustment and marginal covariances."""

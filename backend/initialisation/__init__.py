@@ -1,0 +1,1 @@
+"""Initial poses for the adjustment."""

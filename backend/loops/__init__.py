@@ -1,0 +1,1 @@
+"""Loop closure candidates, and loops closed in a pose graph."""

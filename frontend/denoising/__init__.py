@@ -1,0 +1,1 @@
+"""Denoising: images to echo masks, and images to clean images."""

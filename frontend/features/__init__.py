@@ -1,0 +1,1 @@
+"""Feature detection: an image inside its echo mask to keypoints with patches."""

@@ -1,0 +1,118 @@
+"""Where features are looked for: the polar image stretched to near-square pixels, or the fan drawn to scale."""
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from asfm.config import KeypointsConfig
+from asfm.geometry.fan import FanGrid
+from asfm.geometry.sonar import SonarModel
+from asfm.types import BoolArray, FloatArray, ImageArray
+
+LARGEST_FAN_PX = 2048
+"""Longest side of the fan in which features are looked for."""
+
+
+class ImageSpace(Protocol):
+    """A picture made of the polar image, and the way back."""
+
+    def draw(self, image: ImageArray) -> ImageArray:
+        """Draw a (ranges, beams) image: (height, width)."""
+
+    def draw_mask(self, mask: BoolArray) -> NDArray[np.uint8]:
+        """Draw a (ranges, beams) mask: (height, width), non-zero where features may lie."""
+
+    def to_polar(self, xy_px: FloatArray) -> FloatArray:
+        """Turn (K, 2) fractional columns and rows of the picture into (K, 2) rows and columns of the polar image."""
+
+    def from_polar(self, row_column: FloatArray) -> FloatArray:
+        """Turn (K, 2) rows and columns of the polar image into (K, 2) fractional columns and rows of the picture."""
+
+
+@dataclass(frozen=True)
+class PolarSpace:
+    """The polar image with its bearing axis stretched."""
+
+    shape: tuple[int, int]
+    """(ranges, beams) of the polar image."""
+    width_px: int
+    """Of the picture."""
+
+    def draw(self, image: ImageArray) -> ImageArray:
+        """See :class:`ImageSpace`."""
+        return np.asarray(cv2.resize(image, (self.width_px, self.shape[0]), interpolation=cv2.INTER_LINEAR))
+
+    def draw_mask(self, mask: BoolArray) -> NDArray[np.uint8]:
+        """See :class:`ImageSpace`."""
+        size = (self.width_px, self.shape[0])
+        return np.asarray(cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST))
+
+    def to_polar(self, xy_px: FloatArray) -> FloatArray:
+        """See :class:`ImageSpace`."""
+        return np.stack([xy_px[:, 1], xy_px[:, 0] * (self.shape[1] / self.width_px)], axis=1)
+
+    def from_polar(self, row_column: FloatArray) -> FloatArray:
+        """See :class:`ImageSpace`."""
+        return np.stack([row_column[:, 1] * (self.width_px / self.shape[1]), row_column[:, 0]], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class FanSpace:
+    """The fan of square pixels. Beyond its edges the outermost echoes go on: its outline is no feature."""
+
+    grid: FanGrid
+
+    def draw(self, image: ImageArray) -> ImageArray:
+        """See :class:`ImageSpace`."""
+        return self._remap(image, cv2.INTER_LINEAR)
+
+    def draw_mask(self, mask: BoolArray) -> NDArray[np.uint8]:
+        """See :class:`ImageSpace`."""
+        return np.where(self.grid.inside, self._remap(mask.astype(np.uint8), cv2.INTER_NEAREST), np.uint8(0))
+
+    def to_polar(self, xy_px: FloatArray) -> FloatArray:
+        """See :class:`ImageSpace`."""
+        range_m, bearing_rad = self.grid.range_bearing_at(xy_px)
+        sonar = self.grid.sonar
+        return np.stack([sonar.row_at_range(range_m), sonar.column_at_bearing(bearing_rad)], axis=1)
+
+    def from_polar(self, row_column: FloatArray) -> FloatArray:
+        """See :class:`ImageSpace`."""
+        sonar = self.grid.sonar
+        return self.grid.pixel_at(sonar.range_at_row(row_column[:, 0]), sonar.bearing_at_column(row_column[:, 1]))
+
+    def _remap(self, image: NDArray[Any], interpolation: int) -> NDArray[Any]:
+        source = np.ascontiguousarray(image)
+        return np.asarray(cv2.remap(source, *self._maps, interpolation, borderMode=cv2.BORDER_REPLICATE))
+
+    @cached_property
+    def _maps(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Column and row of the polar image under each pixel; OpenCV counts from the pixels' centres."""
+        rows, columns = np.indices(self.grid.shape)
+        centres = np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float) + 0.5
+        row_column = self.to_polar(centres) - 0.5
+        row, column = row_column.astype(np.float32).T.reshape(2, *self.grid.shape)
+        return np.ascontiguousarray(column), np.ascontiguousarray(row)
+
+
+@lru_cache(maxsize=4)
+def make_space(sonar: SonarModel, settings: KeypointsConfig) -> ImageSpace:
+    """Make the space that the settings ask for; a sonar's fan is laid out once.
+
+    The fan's pixels are as long as a range bin, unless that makes it larger than features need.
+    """
+    if settings.space == "polar":
+        return PolarSpace(sonar.shape, round(sonar.shape[1] * column_stretch(sonar, settings)))
+    half_width_m = FanGrid.fit(sonar, 1).left_m
+    width_px = int(np.clip(round(2 * half_width_m / sonar.range_step_m), 1, LARGEST_FAN_PX))
+    return FanSpace(FanGrid.fit(sonar, width_px, LARGEST_FAN_PX))
+
+
+def column_stretch(sonar: SonarModel, settings: KeypointsConfig) -> float:
+    """Give the factor that makes a pixel at the middle range as wide as it is high, within 1..max_stretch."""
+    middle_m = 0.5 * (sonar.range_edges_m[0] + sonar.range_edges_m[-1])
+    return float(np.clip(middle_m * sonar.bearing_step_rad / sonar.range_step_m, 1.0, settings.max_stretch))

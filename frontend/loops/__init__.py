@@ -1,0 +1,1 @@
+"""Place recognition, and geometric verification of loop closures."""

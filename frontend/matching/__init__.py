@@ -1,0 +1,1 @@
+"""Feature matching: keypoints of two frames to matches, and the outlier filters."""

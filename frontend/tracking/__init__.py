@@ -1,0 +1,1 @@
+"""Feature tracks: matches of all frame pairs to tracks, and guided matching."""

@@ -1,0 +1,137 @@
+"""The motion prior of a sonar alone: as wide at the end as the motion asks for, and no wider."""
+
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from asfm.backend.ambiguity.motion_prior import SPAN, discount_prior, loosen_turns, relax_motion
+from asfm.backend.estimation.solution import Solution, solve_tracks
+from asfm.backend.graph.marginal_covariance import measure_uncertainty
+from asfm.config import BackendConfig
+from asfm.config_file import load_config
+from asfm.geometry.poses import invert, make_pose, transform
+from asfm.geometry.sonar import SonarModel, project
+from asfm.navigation.sensor_constraints import SensorConstraints, sensor_constraints
+from asfm.sequence import Sequence
+from asfm.types import FloatArray, Frame, Tracks
+
+SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (500, 128), np.deg2rad(20))
+
+
+def _no_frame(index: int) -> Frame:
+    raise AssertionError(f"frame {index} must not be read")
+
+
+def make_sensors(frames: int, sigma: tuple[float, float], measured: bool = False) -> SensorConstraints:
+    sequence = Sequence("made up", SONAR, np.arange(frames, dtype=float), _no_frame)
+    held = np.repeat(np.eye(4)[None], frames, axis=0)
+    return sensor_constraints(sequence, BackendConfig(), held, np.tile(sigma, (frames - 1, 1)), measured)
+
+
+def chain(rotation_rad: FloatArray, translation_m: FloatArray) -> FloatArray:
+    """(N, 4, 4) of (N - 1, 3) steps each."""
+    poses = [np.eye(4)]
+    for step in make_pose(translation_m, Rotation.from_rotvec(rotation_rad)):
+        poses.append(poses[-1] @ step)
+    return np.stack(poses)
+
+
+def test_independent_turns_keep_their_own_sigma() -> None:
+    rng = np.random.default_rng(3)
+    poses = chain(rng.normal(0, 0.004, (4000, 3)), rng.normal(0, 0.03, (4000, 3)))
+    found = loosen_turns(make_sensors(4001, (1e-4, 2e-4)), poses).step_sigma
+    np.testing.assert_allclose(found, np.tile([0.004, 2e-4], (4000, 1)), rtol=0.08)
+
+
+@pytest.mark.parametrize("frames", [2, 5, 60])
+def test_steady_turns_count_as_what_they_add_up_to(frames: int) -> None:
+    turn, shift = np.array([0.01, 0.0, 0.0]), np.array([0.05, 0.0, 0.0])  # a screw: its steps commute
+    poses = chain(np.tile(turn, (frames - 1, 1)), np.tile(shift, (frames - 1, 1)))
+    found = loosen_turns(make_sensors(frames, (1e-6, 0.02)), poses).step_sigma
+    root = np.sqrt(min(SPAN, frames - 1) / 3)  # a third of the squares on each axis
+    np.testing.assert_allclose(found, np.tile([0.01 * root, 0.02], (frames - 1, 1)))
+
+
+def test_a_prior_is_never_narrowed() -> None:
+    sensors = make_sensors(6, (0.3, 0.4))
+    found = loosen_turns(sensors, np.repeat(np.eye(4)[None], 6, axis=0))
+    np.testing.assert_array_equal(found.step_sigma, sensors.step_sigma)
+
+
+def make_case() -> tuple[Solution, Sequence, FloatArray]:
+    """Solve a motion with slow rolls under a prior that is tight in rotation."""
+    frames, rng = 30, np.random.default_rng(5)
+    along = np.arange(frames)
+    angles = np.stack([0.1 * np.sin(along / 9), 0.1 * np.sin(along / 7), 0.4 * np.sin(along / 10)], axis=1)
+    position = np.stack([0.3 * np.sin(along / 8), 0.04 * along, 0 * along], axis=1)
+    truth = make_pose(position, Rotation.from_euler("ZYX", angles))
+    points = rng.uniform([3.0, -2.0, -0.6], [6.0, 4.0, 0.6], (80, 3))
+    seen = transform(invert(truth), points[:, None])
+    track, frame = np.nonzero(SONAR.sees(seen))
+    range_m, bearing_rad, _ = project(seen[track, frame])
+    track = np.unique(track, return_inverse=True)[1]
+    sigma = np.tile([0.01, 0.003], (len(track), 1))
+    error = rng.normal(0, 0.3, (len(track), 2)) * sigma  # sigmas are widened for errors that a track has in common
+    tracks = Tracks(track, frame, range_m + error[:, 0], bearing_rad + error[:, 1], sigma=sigma)
+    sequence = Sequence("made up", SONAR, along.astype(float), _no_frame)
+    tight = solve_tracks(tracks, sequence, truth, make_sensors(frames, (0.01, 0.05)), load_config())
+    return tight, sequence, truth
+
+
+def test_slow_rolls_are_not_held_back() -> None:
+    """Rolls that a tight prior draws to zero by many of the stated sigmas come out within a few of them."""
+    tight, sequence, truth = make_case()
+    relaxed = relax_motion(tight, sequence, load_config())
+    assert roll_errors(relaxed, truth) < 2 < roll_errors(tight, truth)
+    wider = relaxed.problem.sensors.step_sigma / tight.problem.sensors.step_sigma
+    assert (wider[:, 0] > 2).all() and (wider[:, 1] == 1).all()
+
+
+def roll_errors(solution: Solution, truth: FloatArray) -> float:
+    """Root mean square of the rolls' errors over their stated sigmas, without the first frame."""
+    motion = invert(solution.bundle.world_from_vehicle) @ truth
+    roll_rad = Rotation.from_matrix(motion[:, :3, :3]).as_rotvec()[1:, 0]
+    variance = measure_uncertainty(solution.bundle, solution.relief).pose[1:, 0, 0]
+    return float(np.sqrt(np.mean(roll_rad**2 / variance)))
+
+
+def test_measured_steps_are_left_as_they_are() -> None:
+    frames = 4
+    poses = np.repeat(np.eye(4)[None], frames, axis=0)
+    tracks = Tracks(
+        np.zeros(4, dtype=np.int64), np.arange(4), np.full(4, 5.0), np.zeros(4), sigma=np.full((4, 2), 0.01)
+    )
+    sequence = Sequence("made up", SONAR, np.arange(4.0), _no_frame)
+    solution = solve_tracks(tracks, sequence, poses, make_sensors(frames, (0.01, 0.01), measured=True), load_config())
+    assert relax_motion(solution, sequence, load_config()) is solution
+    none = replace(solution, observed=np.zeros(4, dtype=bool))
+    none = replace(none, problem=replace(none.problem, sensors=make_sensors(frames, (0.01, 0.01))))
+    assert relax_motion(none, sequence, load_config()) is none
+
+
+def test_a_prior_that_is_discounted_is_no_knowledge() -> None:
+    """Poses stay; covariances become those of the same graph with wider steps, and never smaller."""
+    tight, _, _ = make_case()
+    stated = discount_prior(tight, 1.5)
+    assert stated.bundle.values is tight.bundle.values
+    before, after = (measure_uncertainty(s.bundle, s.relief).pose for s in (tight, stated))
+    growth = np.linalg.eigvalsh(after - before)
+    assert growth.min() > -1e-6 * growth.max() and after[-1, 0, 0] > 1.5 * before[-1, 0, 0]
+    unchanged = discount_prior(tight, 1e-3)
+    np.testing.assert_allclose(measure_uncertainty(unchanged.bundle, unchanged.relief).pose, before, rtol=1e-9)
+    wide = stated.problem.sensors.step_sigma
+    np.testing.assert_allclose(
+        2 * (stated.bundle.measured.error(stated.bundle.values) - tight.bundle.measured.error(tight.bundle.values)),
+        square_steps(tight, wide) - square_steps(tight, tight.problem.sensors.step_sigma),
+        rtol=1e-6,
+    )
+
+
+def square_steps(solution: Solution, sigma: FloatArray) -> float:
+    """Sum the squared whitened residuals of steps that are guessed to be none."""
+    poses = solution.bundle.world_from_vehicle
+    motion = np.array([gtsam.Pose3.Logmap(gtsam.Pose3(step)) for step in invert(poses[:-1]) @ poses[1:]])
+    return float(((motion / np.repeat(sigma, 3, axis=1)) ** 2).sum())

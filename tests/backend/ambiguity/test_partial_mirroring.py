@@ -1,0 +1,121 @@
+"""Solutions that are mirrored from some frame on are found and set right; others are left alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from asfm.backend.ambiguity.mirror_ambiguity import reflect_after
+from asfm.backend.ambiguity.partial_mirroring import LEAST_ODDS, choose_dip, compare_fits, scan_twists, untwist
+from asfm.backend.estimation.residual_gate import make_yardstick
+from asfm.backend.estimation.solution import solve_tracks
+from asfm.config import BackendConfig
+from asfm.config_file import load_config
+from asfm.geometry.poses import invert, make_pose, transform
+from asfm.geometry.sonar import SonarModel, project
+from asfm.navigation.sensor_constraints import SensorConstraints, sensor_constraints
+from asfm.sequence import Sequence
+from asfm.types import FloatArray, Frame, Tracks
+
+SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (1500, 256), np.deg2rad(20))
+LEVER_ARM = make_pose(np.array([0.2, -0.1, -0.1]), Rotation.from_euler("ZYX", [0.1, 0.05, 0.0]))
+FRAMES, TWIST = 41, 20
+
+
+def _no_frame(index: int) -> Frame:
+    raise AssertionError(f"frame {index} must not be read")
+
+
+def make_motion() -> FloatArray:
+    """(N, 4, 4) along a shore: rolls to and fro, at rest in roll around the middle, from the identity on."""
+    along = np.arange(FRAMES) - TWIST
+    roll = 0.35 * np.sin(along / 7) ** 3
+    yaw = 0.2 * np.sin(along / 9)
+    position = np.stack([0.2 * np.sin(along / 8), 0.1 * along, 0.05 * np.sin(along / 6)], axis=1)
+    poses = make_pose(position, Rotation.from_euler("ZYX", np.stack([yaw, 0 * yaw, roll], axis=1)))
+    return np.asarray(invert(poses[0]) @ poses)
+
+
+def make_tracks(poses: FloatArray) -> Tracks:
+    """Points that are seen in up to fifteen frames each, with a little noise."""
+    rng = np.random.default_rng(7)
+    middle = rng.integers(0, FRAMES, 500)
+    in_sonar = rng.uniform([3.0, -1.5, -0.5], [6.0, 1.5, 0.5], (500, 3))
+    points = transform((poses @ LEVER_ARM)[middle], in_sonar)
+    seen = transform(invert(poses @ LEVER_ARM), points[:, None])
+    near = np.abs(np.arange(FRAMES) - middle[:, None]) <= 7
+    long = (SONAR.sees(seen) & near).sum(axis=1) >= 5
+    track, frame = np.nonzero(SONAR.sees(seen)[long] & near[long])
+    range_m, bearing_rad, _ = project(seen[long][track, frame])
+    sigma = np.tile([0.01, 0.003], (len(track), 1))
+    error = rng.normal(0, 0.3, (len(track), 2)) * sigma
+    return Tracks(track, frame, range_m + error[:, 0], bearing_rad + error[:, 1], sigma=sigma)
+
+
+def make_case(measured: bool = False) -> tuple[Tracks, Sequence, SensorConstraints, FloatArray]:
+    truth = make_motion()
+    sequence = Sequence("made up", SONAR, np.arange(FRAMES, dtype=float), _no_frame, LEVER_ARM)
+    held = truth if measured else np.repeat(np.eye(4)[None], FRAMES, axis=0)
+    sensors = sensor_constraints(sequence, BackendConfig(), held, np.tile([0.08, 0.15], (FRAMES - 1, 1)), measured)
+    return make_tracks(truth), sequence, sensors, truth
+
+
+def roll_rad(world_from_vehicle: FloatArray) -> FloatArray:
+    return np.asarray(Rotation.from_matrix(world_from_vehicle[:, :3, :3]).as_euler("ZYX")[:, 2])
+
+
+def test_both_parts_keep_their_measurements() -> None:
+    truth = make_motion()
+    twisted = reflect_after(truth, TWIST, LEVER_ARM)
+    np.testing.assert_array_equal(twisted[: TWIST + 1], truth[: TWIST + 1])
+    points = transform((truth @ LEVER_ARM)[TWIST + 8], np.random.default_rng(0).uniform(-3, 3, (20, 3)))
+    plane = truth[TWIST] @ LEVER_ARM
+    image = transform(plane @ np.diag([1.0, 1.0, -1.0, 1.0]) @ invert(plane), points)
+    for frame in range(TWIST + 1, FRAMES):
+        here = project(transform(invert(truth[frame] @ LEVER_ARM), points))
+        there = project(transform(invert(twisted[frame] @ LEVER_ARM), image))
+        np.testing.assert_allclose(there[0], here[0], atol=1e-12)
+        np.testing.assert_allclose(there[1], here[1], atol=1e-12)
+    np.testing.assert_allclose(reflect_after(twisted, TWIST, LEVER_ARM), truth, atol=1e-12)
+
+
+def test_a_twist_is_found_and_set_right() -> None:
+    tracks, sequence, sensors, truth = make_case()
+    config = load_config()
+    twisted = solve_tracks(tracks, sequence, reflect_after(truth, TWIST, LEVER_ARM), sensors, config)
+    frames, misfit = scan_twists(
+        tracks, twisted.bundle.world_from_vehicle, sequence, make_yardstick(tracks, sequence, sensors, config)
+    )
+    found = choose_dip(frames, misfit)
+    assert found is not None and abs(found - TWIST) <= 6
+    right = untwist(twisted, sequence, config)
+    before, after = (roll_rad(solution.bundle.world_from_vehicle) - roll_rad(truth) for solution in (twisted, right))
+    assert np.abs(before).max() > 0.3 > 0.1 > np.abs(after).max(), "the optimisation alone does not leave the twist"
+    yardstick = make_yardstick(tracks, sequence, sensors, config)
+    assert compare_fits(twisted, right, sequence, yardstick, 1.0) > LEAST_ODDS
+    assert compare_fits(right, right, sequence, yardstick, 1.0) == 0
+
+
+@pytest.mark.parametrize("prepare", ["right", "measured", "levels", "nothing"])
+def test_what_is_not_twisted_is_left(prepare: str) -> None:
+    tracks, sequence, sensors, truth = make_case(measured=prepare == "measured")
+    solution = solve_tracks(tracks, sequence, truth, sensors, load_config())
+    if prepare == "levels":
+        solution = replace(solution, problem=replace(solution.problem, sensors=with_levels(sensors)))
+    if prepare == "nothing":
+        solution = replace(solution, observed=np.zeros(len(tracks), dtype=bool))
+    assert untwist(solution, sequence, load_config()) is solution
+
+
+def with_levels(sensors: SensorConstraints) -> SensorConstraints:
+    return replace(sensors, z_roll_pitch=np.zeros((FRAMES, 3)), z_roll_pitch_sigma=np.ones((FRAMES, 3)))
+
+
+def test_only_dips_with_higher_values_to_both_sides_count() -> None:
+    frames = np.arange(2, 23, 3)
+    assert choose_dip(frames, np.array([0.0, 0.2, 0.1, 0.3, 0.9, 0.4, 0.01])) == 8
+    assert choose_dip(frames, np.array([0.0, 0.2, 0.16, 0.3, 0.9, 0.4, 0.01])) is None, "as small as chance makes them"
+    assert choose_dip(frames, np.array([0.0, 0.2, 0.4, 0.9, 0.5, 0.2, 0.1])) is None
+    assert choose_dip(frames[:2], np.array([0.1, 0.0])) is None
+    assert choose_dip(frames[:0], np.zeros(0)) is None

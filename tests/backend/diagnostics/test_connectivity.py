@@ -1,0 +1,113 @@
+"""The warnings name the stretches of the trajectory that the sonar does not hold together."""
+
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+import pytest
+
+from asfm.backend.diagnostics.connectivity import MIN_LINKS, describe_support, linked_steps
+from asfm.backend.estimation.solution import Solution
+from asfm.backend.graph.bundle_adjustment import Bundle
+from asfm.backend.graph.problem import BundleProblem
+from asfm.config import BackendConfig, Config
+from asfm.geometry.sonar import SonarModel
+from asfm.sequence import Sequence
+from asfm.types import BoolArray, Frame, Tracks, Trajectory
+
+SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (500, 128), np.deg2rad(20))
+NO_BUNDLE = cast(Bundle, None)
+NO_PROBLEM = cast(BundleProblem, None)
+"""What the poses rest on is read from the tracks alone."""
+
+
+def _no_frame(index: int) -> Frame:
+    raise AssertionError(f"frame {index} must not be read")
+
+
+def _sequence(frame_count: int, odometry: bool = True) -> Sequence:
+    stamps = np.arange(frame_count, dtype=np.float64)
+    poses = np.repeat(np.eye(4)[None], frame_count, axis=0)
+    return Sequence("made up", SONAR, stamps, _no_frame, odometry=Trajectory(stamps, poses) if odometry else None)
+
+
+def _solution(spans: list[list[int]], observed: BoolArray | None = None) -> Solution:
+    """One track for each list of frames."""
+    track = np.repeat(np.arange(len(spans)), [len(span) for span in spans])
+    frame = np.array([index for span in spans for index in span], dtype=np.int64)
+    tracks = Tracks(track, frame, np.ones(len(track)), np.zeros(len(track)))
+    return Solution(
+        tracks,
+        np.ones(len(track), dtype=bool) if observed is None else observed,
+        NO_BUNDLE,
+        NO_PROBLEM,
+        np.ones(len(track)),
+    )
+
+
+def _say(spans: list[list[int]], frame_count: int, odometry: bool = True) -> tuple[str, ...]:
+    return describe_support(_sequence(frame_count, odometry), _solution(spans), Config())
+
+
+def test_nothing_to_say_where_all_frames_share_landmarks() -> None:
+    assert _say([[0, 3, 7], [0, 7], [0, 1, 7]], 8) == ()
+
+
+def test_gaps_are_named_by_the_frames_they_lie_between() -> None:
+    (sentence,) = _say([[0, 1, 2, 3]] * 3 + [[5, 6]] * 3 + [[6, 8, 9]] * 4, 11)
+    assert sentence.startswith("3 of 10 steps")
+    assert sentence.endswith("between frames 3-5, 9-10")
+    assert "odometry" in sentence
+
+
+def test_a_landmark_that_skips_frames_ties_them_all_the_same() -> None:
+    assert linked_steps(_solution([[0, 4]] * 3), 5).tolist() == [True] * 4
+    assert linked_steps(_solution([[0, 4]] * (MIN_LINKS - 1)), 5).tolist() == [False] * 4
+
+
+def test_links_agree_with_a_plain_count() -> None:
+    rng = np.random.default_rng(0)
+    spans = [sorted(rng.choice(12, rng.integers(1, 5), replace=False).tolist()) for _ in range(12)]
+    expected = [sum(min(s) <= step < max(s) for s in spans) >= MIN_LINKS for step in range(11)]
+    assert len(set(expected)) == 2
+    assert linked_steps(_solution(spans), 12).tolist() == expected
+
+
+def test_observations_that_were_dropped_tie_nothing() -> None:
+    spans = [[0, 1, 2]] * 3
+    dropped = _solution(spans, np.array([True, True, False] * 3))
+    assert linked_steps(dropped, 3).tolist() == [True, False]
+    assert linked_steps(_solution(spans, np.zeros(9, dtype=bool)), 3).tolist() == [False, False]
+
+
+@pytest.mark.parametrize("spans", [[], [[0, 1, 2, 3]] * 2])
+@pytest.mark.parametrize("odometry", [True, False])
+def test_no_support_at_all_says_what_holds_the_poses(spans: list[list[int]], odometry: bool) -> None:
+    (sentence,) = _say(spans, 4, odometry)
+    assert "all 4 poses" in sentence
+    assert sentence.endswith("held by odometry" if odometry else "held by the last pose")
+
+
+def test_unwanted_odometry_holds_nothing() -> None:
+    config = Config(backend=BackendConfig(use_odometry=False))
+    (sentence,) = describe_support(_sequence(4), _solution([]), config)
+    assert sentence.endswith("held by the last pose")
+
+
+def test_one_frame_is_said_to_be_one() -> None:
+    (sentence,) = _say([], 1)
+    assert "one frame" in sentence
+
+
+def test_many_stretches_are_counted_not_listed() -> None:
+    spans = [[index, index + 1] for index in range(0, 40, 2) for _ in range(3)]
+    (sentence,) = _say(spans, 40)
+    assert sentence.startswith("19 of 39 steps")
+    assert sentence.endswith("15-16, and 11 more stretches")
+
+
+def test_sequences_that_differ_only_in_stamps_get_the_same_words() -> None:
+    sequence = _sequence(6)
+    later = replace(sequence, timestamps_s=sequence.timestamps_s * 7 + 1e9)
+    solution = _solution([[0, 1, 2]] * 3)
+    assert describe_support(sequence, solution, Config()) == describe_support(later, solution, Config())

@@ -1,0 +1,159 @@
+"""Landmarks of a solution: views, arcs, and whether the motion tells their elevation (roll does, a plane does not)."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from asfm.backend.estimation.landmarks import describe_landmarks
+from asfm.backend.estimation.solution import Solution, solve_tracks
+from asfm.backend.graph.marginal_covariance import measure_uncertainty
+from asfm.config import BackendConfig, Config
+from asfm.geometry.poses import invert, make_pose, transform
+from asfm.geometry.sonar import SonarModel, back_project, feature_sigma, project
+from asfm.navigation.sensor_constraints import sensor_constraints
+from asfm.sequence import Sequence
+from asfm.types import FloatArray, Frame, Landmarks, Tracks
+
+SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (500, 128), np.deg2rad(20))
+LEVER_ARM = make_pose(np.array([0.4, -0.1, -0.2]), Rotation.from_euler("ZYX", [0.1, 0.05, 0.0]))
+INDEPENDENT = Config(backend=BackendConfig(track_correlation=0.0))
+
+
+def _no_frame(index: int) -> Frame:
+    raise AssertionError(f"frame {index} must not be read")
+
+
+def _sway(roll_rad: float, frame_count: int = 10) -> FloatArray:
+    """A planar path of the sonar, and a roll that swings by so much."""
+    phase = np.linspace(0, 2 * np.pi, frame_count)
+    angle_rad = np.column_stack([0.1 * np.sin(phase), np.zeros(frame_count), roll_rad * np.sin(2 * phase + 0.4)])
+    place_m = np.column_stack([0.3 * np.sin(phase), 0.3 * np.cos(phase), np.zeros(frame_count)])
+    return make_pose(place_m, Rotation.from_euler("ZYX", angle_rad))
+
+
+def _points(seed: int, count: int = 40) -> FloatArray:
+    spherical = np.random.default_rng(seed).uniform([3, -0.4, -0.08], [8, 0.4, 0.08], (count, 3))
+    return back_project(*spherical.T)
+
+
+def _describe_landmarks(solution: Solution, sequence: Sequence, config: Config) -> Landmarks:
+    covariance_m2 = measure_uncertainty(solution.bundle, solution.relief).point_m2
+    return describe_landmarks(solution, covariance_m2, sequence, config)
+
+
+def _describe(
+    world_from_sonar: FloatArray, xyz_m: FloatArray, config: Config = INDEPENDENT
+) -> tuple[Solution, Landmarks]:
+    """Solve with right odometry and noisy observations."""
+    poses = world_from_sonar @ invert(LEVER_ARM)
+    sequence = Sequence("made up", SONAR, np.arange(len(poses), dtype=np.float64), _no_frame, LEVER_ARM)
+    seen = transform(invert(world_from_sonar), xyz_m[:, None])
+    track, frame = np.nonzero(SONAR.sees(seen))
+    range_m, bearing_rad, _ = project(seen[track, frame])
+    sigma = feature_sigma(SONAR, config.noise)
+    error = np.random.default_rng(1).normal(0, sigma, (len(track), 2))
+    tracks = Tracks(track, frame, range_m + error[:, 0], bearing_rad + error[:, 1])
+    sensors = sensor_constraints(
+        sequence, config.backend, poses, np.tile([0.002, 0.005], (len(poses) - 1, 1)), measured=True
+    )
+    solution = solve_tracks(tracks, sequence, poses, sensors, config)
+    return solution, _describe_landmarks(solution, sequence, config)
+
+
+@pytest.fixture(scope="module")
+def rolling() -> tuple[Solution, Landmarks]:
+    return _describe(_sway(0.5), _points(0))
+
+
+def test_planar_motion_tells_no_elevation_and_roll_does(rolling: tuple[Solution, Landmarks]) -> None:
+    _, flat = _describe(_sway(0.0), _points(0))
+    assert len(flat) > 30 and not flat.well_constrained.any()
+    off_axis = np.abs(_points(0)[rolling[1].track, 1]) > 0.5
+    assert off_axis.sum() > 10 and rolling[1].well_constrained[off_axis].mean() > 0.9
+
+
+def test_well_constrained_landmarks_are_where_they_should_be(rolling: tuple[Solution, Landmarks]) -> None:
+    _, landmarks = rolling
+    error_m = np.linalg.norm(landmarks.xyz_m - _points(0)[landmarks.track], axis=1)
+    good = landmarks.well_constrained
+    assert good.sum() > 10
+    assert np.all(error_m[good] < 4 * landmarks.sigma_m[good])
+
+
+def test_sigma_is_the_longest_axis_of_the_covariance(rolling: tuple[Solution, Landmarks]) -> None:
+    _, landmarks = rolling
+    expected = [np.sqrt(np.linalg.svd(covariance)[1][0]) for covariance in landmarks.covariance_m2]
+    np.testing.assert_allclose(landmarks.sigma_m, expected, rtol=1e-9)
+
+
+def test_views_are_the_used_observations(rolling: tuple[Solution, Landmarks]) -> None:
+    solution, landmarks = rolling
+    for track, views in zip(landmarks.track.tolist(), landmarks.views.tolist(), strict=True):
+        assert views == np.sum(solution.observed & (solution.tracks.track == track))
+    assert landmarks.views.min() >= INDEPENDENT.tracks.min_views
+
+
+def test_arcs_are_what_the_last_frame_sees(rolling: tuple[Solution, Landmarks]) -> None:
+    solution, landmarks = rolling
+    for track, arc_m in zip(landmarks.track.tolist(), landmarks.arc_m, strict=True):
+        last = np.flatnonzero(solution.observed & (solution.tracks.track == track))[-1]
+        pose = solution.bundle.world_from_vehicle[solution.tracks.frame[last]] @ LEVER_ARM
+        range_m, bearing_rad, elevation_rad = project(transform(invert(pose), arc_m))
+        np.testing.assert_allclose(range_m, solution.tracks.range_m[last], atol=1e-9)
+        np.testing.assert_allclose(bearing_rad, solution.tracks.bearing_rad[last], atol=1e-9)
+        np.testing.assert_allclose(elevation_rad[[0, -1]], np.deg2rad([-10, 10]), atol=1e-9)
+
+
+def test_correlated_tracks_are_less_sure(rolling: tuple[Solution, Landmarks]) -> None:
+    """Fully correlated errors: n views weigh as one, so sigmas grow towards the root of n."""
+    _, correlated = _describe(_sway(0.5), _points(0), Config(backend=BackendConfig(track_correlation=1.0)))
+    _, independent = rolling
+    np.testing.assert_array_equal(correlated.track, independent.track)
+    growth = correlated.sigma_m / independent.sigma_m
+    assert np.all(growth > 1.2) and np.all(growth < np.sqrt(independent.views) + 0.8)
+
+
+def test_tracks_that_contradict_themselves_become_no_landmark() -> None:
+    """Ten tracks whose ranges jump by metres, beside good ones."""
+    poses, xyz_m = _sway(0.5), _points(2, 30)
+    jumping = np.random.default_rng(3).uniform(1, 9, (len(poses), 10))
+    seen = transform(invert(poses), xyz_m[:, None])
+    range_m, bearing_rad, _ = project(seen)
+    range_m[:10] = jumping.T
+    track, frame = np.divmod(np.arange(range_m.size), len(poses))
+    tracks = Tracks(track, frame, range_m.ravel(), bearing_rad.ravel())
+    sequence = Sequence("made up", SONAR, np.arange(len(poses), dtype=np.float64), _no_frame)
+    sensors = sensor_constraints(
+        sequence, INDEPENDENT.backend, poses, np.tile([0.002, 0.005], (len(poses) - 1, 1)), measured=True
+    )
+    solution = solve_tracks(tracks, sequence, poses, sensors, INDEPENDENT)
+    landmarks = _describe_landmarks(solution, sequence, INDEPENDENT)
+    assert np.mean(landmarks.track >= 10) > 0.9
+    assert np.isin(np.arange(10, 30), landmarks.track).mean() > 0.9
+
+
+def test_no_tracks_give_no_landmarks() -> None:
+    poses = _sway(0.1, 3)
+    sequence = Sequence("made up", SONAR, np.arange(3, dtype=np.float64), _no_frame)
+    sensors = sensor_constraints(sequence, INDEPENDENT.backend, poses, np.full((2, 2), 0.01), measured=True)
+    nothing = Tracks(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
+    solution = solve_tracks(nothing, sequence, poses, sensors, INDEPENDENT)
+    landmarks = _describe_landmarks(solution, sequence, INDEPENDENT)
+    assert len(landmarks) == 0 and landmarks.covariance_m2.shape == (0, 3, 3) and landmarks.arc_m.shape[0] == 0
+    np.testing.assert_allclose(solution.bundle.world_from_vehicle, poses, atol=1e-6)
+
+
+@pytest.mark.parametrize("place_m", [(-5.0, 0.0, 0.0), (4.0, 0.0, 3.0)])
+def test_points_outside_their_beams_are_no_landmarks(
+    rolling: tuple[Solution, Landmarks], place_m: tuple[float, float, float]
+) -> None:
+    solution, landmarks = rolling
+    xyz_m = solution.bundle.xyz_m.copy()
+    astray = int(landmarks.track[3])
+    xyz_m[astray] = place_m
+    spoiled = replace(solution, bundle=replace(solution.bundle, xyz_m=xyz_m))
+    sequence = Sequence("made up", SONAR, np.arange(10, dtype=np.float64), _no_frame, LEVER_ARM)
+    kept = _describe_landmarks(spoiled, sequence, INDEPENDENT).track
+    np.testing.assert_array_equal(kept, np.delete(landmarks.track, 3))

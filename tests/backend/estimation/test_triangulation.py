@@ -1,0 +1,174 @@
+"""Triangulation against exact geometry, finite differences and a slow, plain grid search."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from asfm.backend.estimation.triangulation import Gate, triangulate_tracks, whitened_residuals
+from asfm.geometry.poses import invert, make_pose, transform
+from asfm.geometry.sonar import SonarModel, back_project, project, project_jacobian
+from asfm.types import FloatArray, IntArray, Tracks
+
+SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (500, 128), np.deg2rad(20))
+GATE = Gate(SONAR.elevation_aperture_rad / 2, edge_rad=0.02)
+SIGMA = np.array([0.01, 0.005])
+
+
+def _poses(rng: np.random.Generator, count: int = 12) -> FloatArray:
+    """6-DoF motion around the origin that keeps points ahead in view and rolls by tens of degrees."""
+    angle_rad = rng.uniform([-0.15, -0.04, -0.5], [0.15, 0.04, 0.5], (count, 3))
+    return make_pose(rng.uniform(-0.4, 0.4, (count, 3)) * [1, 1, 0.3], Rotation.from_euler("ZYX", angle_rad))
+
+
+def _points(rng: np.random.Generator, count: int) -> FloatArray:
+    """Points ahead of the poses."""
+    spherical = rng.uniform([3, -0.3, -0.03], [8, 0.3, 0.03], (count, 3))
+    return back_project(spherical[:, 0], spherical[:, 1], spherical[:, 2])
+
+
+def _observe(world_from_sonar: FloatArray, xyz_m: FloatArray) -> Tracks:
+    """Exact observations of all points by all frames that see them."""
+    seen = transform(invert(world_from_sonar), xyz_m[:, None])
+    track, frame = np.nonzero(SONAR.sees(seen))
+    assert len(np.unique(track)) == len(xyz_m), "every point must be seen"
+    range_m, bearing_rad, _ = project(seen[track, frame])
+    return Tracks(track, frame, range_m, bearing_rad)
+
+
+@pytest.mark.parametrize("scale", [0.1, 1.0, 30.0])
+def test_projection_jacobian_is_the_numerical_one(scale: float) -> None:
+    xyz_m = np.random.default_rng(0).normal(0, scale, (200, 3))
+    step = 1e-6 * scale
+    numerical = np.empty((200, 3, 3))
+    for axis in range(3):
+        offset = step * np.eye(3)[axis]
+        ahead, behind = np.stack(project(xyz_m + offset), -1), np.stack(project(xyz_m - offset), -1)
+        difference = ahead - behind
+        difference[:, 1] = np.angle(np.exp(1j * difference[:, 1]))
+        numerical[..., axis] = difference / (2 * step)
+    worst = np.abs(numerical).max(axis=(1, 2), keepdims=True)
+    np.testing.assert_allclose(project_jacobian(xyz_m) / worst, numerical / worst, atol=1e-6)
+
+
+def test_exact_observations_give_exact_points() -> None:
+    rng = np.random.default_rng(1)
+    poses, xyz_m = _poses(rng), _points(rng, 300)
+    tracks = _observe(poses, xyz_m)
+    found = triangulate_tracks(tracks, poses, SONAR, np.tile(SIGMA, (len(tracks), 1)), GATE)
+    error_m = np.linalg.norm(found.xyz_m - xyz_m, axis=1)
+    views = np.bincount(tracks.track)
+    assert (views >= 4).mean() > 0.9
+    assert error_m[views >= 4].max() < 1e-3
+    assert found.agrees.all()
+    assert np.abs(found.residual).max() < 0.1
+
+
+def test_points_move_with_the_world() -> None:
+    """A rigid change of the world's frame changes nothing but the frame."""
+    rng = np.random.default_rng(2)
+    poses, xyz_m = _poses(rng), _points(rng, 60)
+    tracks = _observe(poses, xyz_m)
+    sigma = np.tile(SIGMA, (len(tracks), 1))
+    noisy = Tracks(tracks.track, tracks.frame, tracks.range_m + rng.normal(0, 0.01, len(tracks)), tracks.bearing_rad)
+    other = make_pose(np.array([10.0, -20.0, 5.0]), Rotation.from_euler("ZYX", [2.0, 0.5, -1.0]))
+    here = triangulate_tracks(noisy, poses, SONAR, sigma, GATE)
+    there = triangulate_tracks(noisy, other @ poses, SONAR, sigma, GATE)
+    np.testing.assert_allclose(there.xyz_m, transform(other, here.xyz_m), atol=1e-6)
+    np.testing.assert_array_equal(there.agrees, here.agrees)
+
+
+def test_planted_wrong_observations_are_found_and_do_no_harm() -> None:
+    rng = np.random.default_rng(3)
+    poses, xyz_m = _poses(rng, 16), _points(rng, 150)
+    exact = _observe(poses, xyz_m)
+    wrong = rng.random(len(exact)) < 0.15
+    range_m = exact.range_m + wrong * rng.choice([-1, 1], len(exact)) * rng.uniform(0.2, 1.0, len(exact))
+    tracks = Tracks(exact.track, exact.frame, range_m, exact.bearing_rad)
+    found = triangulate_tracks(tracks, poses, SONAR, np.tile(SIGMA, (len(tracks), 1)), GATE)
+    right = np.bincount(exact.track, ~wrong) >= 6
+    assert right.mean() > 0.9
+    judged = right[exact.track]
+    assert found.agrees[judged & wrong].mean() < 0.01
+    assert found.agrees[judged & ~wrong].mean() > 0.99
+    assert np.median(np.linalg.norm(found.xyz_m - xyz_m, axis=1)[right]) < 1e-3
+    assert (np.linalg.norm(found.xyz_m - xyz_m, axis=1)[right] < 0.02).mean() > 0.97
+
+
+def _plain_cost(point: FloatArray, tracks: Tracks, rows: IntArray, poses: FloatArray) -> float:
+    total = 0.0
+    for row in rows.tolist():
+        seen = np.linalg.solve(poses[tracks.frame[row]], np.append(point, 1.0))[:3]
+        range_error = (np.linalg.norm(seen) - tracks.range_m[row]) / SIGMA[0]
+        bearing_error = (np.arctan2(seen[1], seen[0]) - tracks.bearing_rad[row]) / SIGMA[1]
+        total += min(range_error**2 + bearing_error**2, 9.0)
+    return total
+
+
+def test_no_worse_than_a_plain_grid_search() -> None:
+    """The truncated cost at the points is at most that of the best of 41 points on every observation's arc.
+
+    One track may settle in another hollow of a cost that is nearly as low; together they must be better.
+    """
+    rng = np.random.default_rng(4)
+    poses, xyz_m = _poses(rng, 8), _points(rng, 8)
+    exact = _observe(poses, xyz_m)
+    noise = rng.normal(0, SIGMA, (len(exact), 2))
+    tracks = Tracks(exact.track, exact.frame, exact.range_m + noise[:, 0], exact.bearing_rad + noise[:, 1])
+    found = triangulate_tracks(tracks, poses, SONAR, np.tile(SIGMA, (len(tracks), 1)), GATE)
+    costs, bests = [], []
+    for index in range(len(xyz_m)):
+        rows = np.flatnonzero(tracks.track == index)
+        arcs = [
+            transform(poses[tracks.frame[row]], SONAR.elevation_arc(tracks.range_m[row], tracks.bearing_rad[row], 41))
+            for row in rows
+        ]
+        bests.append(min(_plain_cost(point, tracks, rows, poses) for arc in arcs for point in arc))
+        costs.append(_plain_cost(found.xyz_m[index], tracks, rows, poses))
+    assert np.all(np.array(costs) <= np.array(bests) + 3)
+    assert np.sum(costs) < np.sum(bests)
+
+
+def test_points_stay_in_the_beam_where_nothing_tells_their_elevation() -> None:
+    """Without motion every elevation fits: the point must lie on the arc all the same."""
+    rng = np.random.default_rng(5)
+    poses = np.repeat(np.eye(4)[None], 5, axis=0)
+    xyz_m = _points(rng, 30)
+    tracks = _observe(poses, xyz_m)
+    found = triangulate_tracks(tracks, poses, SONAR, np.tile(SIGMA, (len(tracks), 1)), GATE)
+    range_m, bearing_rad, elevation_rad = project(found.xyz_m)
+    np.testing.assert_allclose(range_m, project(xyz_m)[0], atol=0.01)
+    np.testing.assert_allclose(bearing_rad, project(xyz_m)[1], atol=0.01)
+    assert np.all(np.abs(elevation_rad) <= SONAR.elevation_aperture_rad / 2)
+    assert found.agrees.all()
+
+
+def test_many_tracks_do_not_influence_each_other() -> None:
+    """More observations than are searched at once; a track alone gives the same point."""
+    rng = np.random.default_rng(6)
+    poses, xyz_m = _poses(rng, 20), _points(rng, 1500)
+    tracks = _observe(poses, xyz_m)
+    assert len(tracks) > 20_000
+    found = triangulate_tracks(tracks, poses, SONAR, np.tile(SIGMA, (len(tracks), 1)), GATE, elevation_count=5)
+    for index in (0, 700, 1499):
+        rows = tracks.track == index
+        alone = Tracks(np.zeros(rows.sum(), int), tracks.frame[rows], tracks.range_m[rows], tracks.bearing_rad[rows])
+        single = triangulate_tracks(alone, poses, SONAR, np.tile(SIGMA, (len(alone), 1)), GATE, elevation_count=5)
+        np.testing.assert_allclose(single.xyz_m[0], found.xyz_m[index], atol=1e-9)
+
+
+def test_no_tracks_give_no_points() -> None:
+    nothing = Tracks(np.zeros(0, int), np.zeros(0, int), np.zeros(0), np.zeros(0))
+    found = triangulate_tracks(nothing, np.eye(4)[None], SONAR, np.zeros((0, 2)), GATE)
+    assert found.xyz_m.shape == (0, 3) and found.agrees.shape == (0,) and found.residual.shape == (0, 2)
+
+
+def test_residuals_are_in_sigmas_and_elevations_as_seen() -> None:
+    rng = np.random.default_rng(7)
+    poses, xyz_m = _poses(rng), _points(rng, 20)
+    exact = _observe(poses, xyz_m)
+    tracks = Tracks(exact.track, exact.frame, exact.range_m - 0.02, exact.bearing_rad + 0.01)
+    sonar_from_world = invert(poses)[tracks.frame]
+    residual, elevation_rad = whitened_residuals(xyz_m, tracks, sonar_from_world, np.tile(SIGMA, (len(tracks), 1)))
+    np.testing.assert_allclose(residual, np.tile([2.0, -2.0], (len(tracks), 1)), atol=1e-9)
+    seen = back_project(exact.range_m, exact.bearing_rad, elevation_rad)
+    np.testing.assert_allclose(transform(poses[tracks.frame], seen), xyz_m[tracks.track], atol=1e-9)

@@ -1,0 +1,88 @@
+"""A turned mounting and a range bias come back from tracks and sensors, and what was not asked for stays."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from asfm.backend.graph.problem import BundleProblem
+from asfm.backend.graph.self_calibration import calibrate
+from asfm.config import BackendConfig
+from asfm.geometry.poses import invert, make_pose, transform
+from asfm.geometry.sonar import SonarModel, project
+from asfm.navigation.sensor_constraints import SensorConstraints
+from asfm.types import FloatArray, Tracks
+
+SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (500, 128), np.deg2rad(20))
+LEVER_ARM = make_pose(np.array([0.4, -0.1, -0.2]), Rotation.from_euler("ZYX", [0.0, 0.4, 0.0]))
+FRAMES = 12
+
+
+def make_problem(bias_m: float = 0.0) -> tuple[BundleProblem, FloatArray, FloatArray]:
+    """A vehicle with a good odometry rolls and turns over a floor."""
+    rng = np.random.default_rng(0)
+    angles = rng.uniform([-0.2, -0.2, -0.3], [0.2, 0.2, 0.3], (FRAMES, 3))
+    place = rng.uniform([-0.5, -0.5, 1.8], [0.5, 0.5, 2.2], (FRAMES, 3))
+    poses = make_pose(place, Rotation.from_euler("ZYX", angles))
+    xyz_m = rng.uniform([2.5, -1.5, -0.2], [5.5, 1.5, 0.2], (40, 3))
+    seen = transform(invert(poses @ LEVER_ARM), xyz_m[:, None])
+    track, frame = np.nonzero(np.ones(seen.shape[:2]))
+    range_m, bearing_rad, _ = project(seen[track, frame])
+    error = rng.normal(0, [0.005, 0.002], (len(track), 2))
+    tracks = Tracks(track, frame, range_m + bias_m + error[:, 0], bearing_rad + error[:, 1])
+    sensors = SensorConstraints(
+        poses[0],
+        1e-12 * np.eye(6),
+        True,
+        invert(poses[:-1]) @ poses[1:],
+        np.tile([0.001, 0.005], (FRAMES - 1, 1)),
+        np.zeros((0, 3)),
+        np.zeros((0, 3)),
+    )
+    sigma = np.tile([0.005, 0.002], (len(tracks), 1))
+    problem = BundleProblem(tracks, np.ones(len(tracks), dtype=bool), sigma, sensors, LEVER_ARM, 0.6)
+    return problem, poses, xyz_m
+
+
+def test_a_turned_mounting_is_found() -> None:
+    problem, poses, xyz_m = make_problem()
+    truth = np.deg2rad([1.0, -2.0, 1.5])
+    turn = make_pose(np.zeros(3), Rotation.from_rotvec(truth))
+    given = replace(problem, vehicle_from_sonar=LEVER_ARM @ invert(turn))
+    found = calibrate(given, poses, xyz_m, BackendConfig(estimate_lever_rotation=True))
+    np.testing.assert_allclose(found.rotation_rad, truth, atol=np.deg2rad(0.4))
+    assert (np.abs(found.rotation_rad - truth) < 4 * found.sigma[:3]).all()
+    np.testing.assert_allclose(found.correct_mounting(given.vehicle_from_sonar), LEVER_ARM, atol=0.007)
+    assert found.range_bias_m == 0
+    (sentence,) = found.describe()
+    assert "deg about y" in sentence
+
+
+@pytest.mark.parametrize("bias_m", [0.06, -0.04])
+def test_a_range_bias_is_found(bias_m: float) -> None:
+    problem, poses, xyz_m = make_problem(bias_m)
+    found = calibrate(problem, poses, xyz_m, BackendConfig(estimate_range_bias=True))
+    assert found.range_bias_m == pytest.approx(bias_m, abs=min(0.01, 4 * found.sigma[3]))
+    assert not found.rotation_rad.any() and not found.sigma[:3].any()
+    (sentence,) = found.describe()
+    assert "range bias" in sentence and " m " in sentence
+
+
+def test_nothing_asked_nothing_estimated() -> None:
+    problem, poses, xyz_m = make_problem()
+    found = calibrate(problem, poses, xyz_m, BackendConfig())
+    assert not found.rotation_rad.any() and found.range_bias_m == 0 and found.describe() == ()
+
+
+def test_a_sonar_that_stands_still_leaves_the_mounting_as_it_is() -> None:
+    problem, poses, xyz_m = make_problem()
+    still = np.repeat(poses[:1], FRAMES, axis=0)
+    seen = transform(invert(still @ LEVER_ARM), xyz_m[:, None])
+    range_m, bearing_rad, _ = project(seen)
+    sensors = replace(problem.sensors, steps=np.repeat(np.eye(4)[None], FRAMES - 1, axis=0))
+    tracks = replace(problem.tracks, range_m=range_m.ravel(), bearing_rad=bearing_rad.ravel())
+    config = BackendConfig(estimate_lever_rotation=True, estimate_range_bias=True)
+    found = calibrate(replace(problem, sensors=sensors, tracks=tracks), still, xyz_m, config)
+    assert np.isfinite(found.sigma).all() and np.abs(found.rotation_rad).max() < 0.02
+    assert found.sigma[0] > 0.05, "nothing was learnt but the prior"

@@ -1,0 +1,126 @@
+"""Planar motions: planted ones are found among outliers, chains follow the truth and hold where nothing is shared."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from asfm.backend.initialisation.planar_odometry import chain_planar_motions, estimate_planar_motion
+from asfm.geometry.poses import invert, make_pose, transform
+from asfm.types import FloatArray, Tracks
+
+
+def _planar(x_m: float, y_m: float, yaw_rad: float) -> FloatArray:
+    return make_pose(np.array([x_m, y_m, 0.0]), Rotation.from_euler("z", yaw_rad))
+
+
+def _track_all(world_from_sonar: FloatArray, xy_m: FloatArray, visible: FloatArray) -> Tracks:
+    """Exact observations of points in the plane z = 0; visible is (tracks, frames)."""
+    xyz_m = np.column_stack([xy_m, np.zeros(len(xy_m))])
+    track, frame = np.nonzero(visible)
+    seen = transform(invert(world_from_sonar)[frame], xyz_m[track])
+    return Tracks(track, frame, np.linalg.norm(seen, axis=1), np.arctan2(seen[:, 1], seen[:, 0]))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_planted_motion_is_found_among_half_outliers(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    planted = _planar(*rng.uniform(-1, 1, 3).tolist())
+    xy_b = rng.uniform([2, -3], [8, 3], (60, 2))
+    xy_a = xy_b @ planted[:2, :2].T + planted[:2, 3] + rng.normal(0, 0.005, (60, 2))
+    wrong = np.arange(60) < 30
+    xy_a[wrong] = rng.uniform([2, -3], [8, 3], (30, 2))
+    motion, agrees = estimate_planar_motion(xy_a, xy_b, np.full(60, 0.05), rng)
+    assert agrees[~wrong].all()
+    assert agrees[wrong].sum() <= 2
+    np.testing.assert_allclose(motion[:2, :2], planted[:2, :2], atol=0.01)
+    np.testing.assert_allclose(motion[:2, 3], planted[:2, 3], atol=0.03)
+    np.testing.assert_allclose(motion[2], [0, 0, 1, 0], atol=1e-12)
+    np.testing.assert_allclose(motion[:, 2], [0, 0, 1, 0], atol=1e-12)
+
+
+def test_motion_agrees_with_scipy_on_all_points() -> None:
+    """Kabsch in the plane against SciPy's alignment in space."""
+    rng = np.random.default_rng(9)
+    planted = _planar(0.4, -0.3, 0.7)
+    xy_b = rng.uniform([2, -3], [8, 3], (40, 2))
+    xy_a = xy_b @ planted[:2, :2].T + planted[:2, 3] + rng.normal(0, 0.02, (40, 2))
+    motion, agrees = estimate_planar_motion(xy_a, xy_b, np.full(40, 1.0), rng)
+    assert agrees.all()
+    lifted = [np.column_stack([xy - xy.mean(axis=0), np.zeros(40)]) for xy in (xy_a, xy_b)]
+    rotation, _ = Rotation.align_vectors(*lifted)
+    np.testing.assert_allclose(motion[:3, :3], rotation.as_matrix(), atol=1e-9)
+    np.testing.assert_allclose(motion[:2, 3], xy_a.mean(axis=0) - motion[:2, :2] @ xy_b.mean(axis=0), atol=1e-9)
+
+
+def test_chain_follows_a_planar_path_with_a_lever_arm() -> None:
+    rng = np.random.default_rng(1)
+    steps = rng.uniform([-0.1, -0.1, -0.1], [0.3, 0.1, 0.1], (9, 3))
+    world_from_vehicle = [_planar(3.0, -2.0, 1.0)]
+    for step in steps.tolist():
+        world_from_vehicle.append(world_from_vehicle[-1] @ _planar(*step))
+    truth = np.stack(world_from_vehicle)
+    lever_arm = make_pose(np.array([0.5, 0.1, 0.0]), Rotation.from_euler("z", 0.4))
+    seen = rng.uniform([2, -2], [7, 2], (40, 2))
+    xy_m = transform(truth[0] @ lever_arm, np.column_stack([seen, np.zeros(40)]))[:, :2]
+    tracks = _track_all(truth @ lever_arm, xy_m, np.ones((40, 10)))
+    poses, supported = chain_planar_motions(tracks, 10, truth[0], lever_arm, rng)
+    assert supported.all()
+    np.testing.assert_allclose(poses, truth, atol=1e-6)
+
+
+def test_chain_holds_the_pose_where_frames_share_nothing_and_goes_on() -> None:
+    """Frames 0-4 see one set of points, 7-9 another, 5 and 6 none."""
+    rng = np.random.default_rng(2)
+    truth = np.stack([_planar(0.2 * frame, 0.0, 0.02 * frame) for frame in range(10)])
+    xy_m = rng.uniform([3, -2], [8, 2], (40, 2))
+    visible = np.zeros((40, 10))
+    visible[:20, :5] = 1
+    visible[20:, 7:] = 1
+    poses, supported = chain_planar_motions(_track_all(truth, xy_m, visible), 10, np.eye(4), np.eye(4), rng)
+    np.testing.assert_allclose(poses[:5], truth[:5], atol=1e-6)
+    np.testing.assert_allclose(poses[5:8], np.repeat(poses[4:5], 3, axis=0), atol=1e-12)
+    assert supported.tolist() == [True] * 5 + [False] * 3 + [True] * 2
+    np.testing.assert_allclose(invert(poses[7]) @ poses[7:], invert(truth[7]) @ truth[7:], atol=1e-6)
+
+
+def test_chain_prefers_frames_that_were_not_held() -> None:
+    """Frame 3 shares points only with those after it: frame 4 must be placed by frame 2, not by the held 3."""
+    rng = np.random.default_rng(5)
+    truth = np.stack([_planar(0.2 * frame, 0.0, 0.02 * frame) for frame in range(6)])
+    visible = np.zeros((30, 6))
+    visible[:15, [0, 1, 2, 4, 5]] = 1
+    visible[15:, 3:] = 1
+    tracks = _track_all(truth, rng.uniform([3, -2], [8, 2], (30, 2)), visible)
+    poses, supported = chain_planar_motions(tracks, 6, np.eye(4), np.eye(4), rng)
+    assert supported.tolist() == [True, True, True, False, True, True]
+    np.testing.assert_allclose(poses[[0, 1, 2, 4, 5]], truth[[0, 1, 2, 4, 5]], atol=1e-6)
+
+
+def test_chain_bridges_one_empty_frame() -> None:
+    rng = np.random.default_rng(3)
+    truth = np.stack([_planar(0.2 * frame, 0.0, 0.02 * frame) for frame in range(6)])
+    visible = np.ones((20, 6))
+    visible[:, 3] = 0
+    tracks = _track_all(truth, rng.uniform([3, -2], [8, 2], (20, 2)), visible)
+    poses, supported = chain_planar_motions(tracks, 6, np.eye(4), np.eye(4), rng)
+    assert supported.tolist() == [True, True, True, False, True, True]
+    np.testing.assert_allclose(poses[[0, 1, 2, 4, 5]], truth[[0, 1, 2, 4, 5]], atol=1e-6)
+
+
+@pytest.mark.parametrize("frame_count", [1, 4])
+def test_chain_without_tracks_stays_where_it_starts(frame_count: int) -> None:
+    first = _planar(1.0, 2.0, 0.5)
+    nothing = Tracks(np.zeros(0, int), np.zeros(0, int), np.zeros(0), np.zeros(0))
+    poses, supported = chain_planar_motions(nothing, frame_count, first, np.eye(4), np.random.default_rng(0))
+    np.testing.assert_allclose(poses, np.repeat(first[None], frame_count, axis=0), atol=1e-12)
+    assert supported.tolist() == [True] + [False] * (frame_count - 1)
+
+
+def test_same_generator_same_bytes() -> None:
+    rng = np.random.default_rng(4)
+    xy_b = rng.uniform([2, -3], [8, 3], (30, 2))
+    xy_a = rng.uniform([2, -3], [8, 3], (30, 2))
+    first, again = (
+        estimate_planar_motion(xy_a, xy_b, np.full(30, 0.3), np.random.default_rng(7))[0].tobytes() for _ in range(2)
+    )
+    assert first == again

@@ -1,0 +1,183 @@
+"""ARIS recordings: files written here byte by byte after the maker's layout, and the maker's own sample."""
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from asfm.datasets import open_sequence
+from asfm.datasets.aris.lenses import beam_centres_rad
+from asfm.datasets.aris.reader import read_aris
+from asfm.datasets.native.reader import read_native
+from asfm.datasets.native.writer import write_native
+from asfm.errors import AsfmError
+from asfm.types import FloatArray
+
+SAMPLES = 20
+PERIOD_US, DELAY_US, SPEED_M_S = 14, 4593, 1440.0
+
+
+def pack_header(
+    time_us: int,
+    ping_mode: int = 9,
+    samples: int = SAMPLES,
+    delay_us: int = DELAY_US,
+    speed_m_s: float = SPEED_M_S,
+    large_lens: int = 0,
+    reordered: int = 1,
+    version: bytes = b"DDF\x05",
+    period_us: int = PERIOD_US,
+) -> bytes:
+    header = bytearray(1024)
+    for form, offset, value in [
+        ("<Q", 4, time_us),
+        ("<4s", 12, version),
+        ("<f", 52, 99.0),  # WindowStart: to be ignored
+        ("<f", 56, 99.0),
+        ("<I", 436, ping_mode),
+        ("<I", 452, period_us),
+        ("<f", 464, speed_m_s),
+        ("<I", 468, samples),
+        ("<I", 476, delay_us),
+        ("<I", 480, large_lens),
+        ("<I", 484, 1),
+        ("<I", 516, reordered),
+    ]:
+        struct.pack_into(form, header, offset, value)
+    return bytes(header)
+
+
+def write_file(path: Path, frames: list[bytes]) -> Path:
+    file_header = bytearray(1024)
+    file_header[:4] = b"DDF\x05"
+    struct.pack_into("<I", file_header, 4, 77)  # FrameCount: to be ignored
+    path.write_bytes(bytes(file_header) + b"".join(frames))
+    return path
+
+
+def make_frames(count: int = 3, beams: int = 128, seed: int = 0) -> tuple[list[bytes], list[np.ndarray]]:
+    rng = np.random.default_rng(seed)
+    images = [rng.integers(0, 256, (SAMPLES, beams), dtype=np.uint8) for _ in range(count)]
+    return [
+        pack_header(1_700_000_000_000_000 + 100_000 * i) + image.tobytes() for i, image in enumerate(images)
+    ], images
+
+
+def test_a_file_reads_as_its_bytes_say(tmp_path: Path) -> None:
+    frames, images = make_frames()
+    sequence = open_sequence(write_file(tmp_path / "a.bin", frames))
+    assert (sequence.kind, len(sequence), sequence.sonar.shape) == ("aris", 3, (SAMPLES, 128))
+    np.testing.assert_allclose(sequence.timestamps_s, 1.7e9 + 0.1 * np.arange(3), rtol=0, atol=1e-6)
+    near_m, step_m = DELAY_US * 1e-6 * SPEED_M_S / 2, PERIOD_US * 1e-6 * SPEED_M_S / 2
+    np.testing.assert_allclose(sequence.sonar.range_edges_m, near_m + step_m * np.arange(SAMPLES + 1), rtol=1e-12)
+    assert np.degrees(sequence.sonar.elevation_aperture_rad) == pytest.approx(14)
+    for frame, image in zip(sequence, images, strict=True):
+        np.testing.assert_array_equal(frame.image, (image / np.float32(255)).astype(np.float32))
+        assert frame.image.dtype == np.float32 and not frame.invalid.any()
+
+
+def test_beam_0_is_the_right_most(tmp_path: Path) -> None:
+    """The maker numbers beams from right to left, and starboard is negative."""
+    image = np.zeros((SAMPLES, 128), np.uint8)
+    image[5, 3] = 255
+    sequence = read_aris(write_file(tmp_path / "a.aris", [pack_header(1) + image.tobytes()]))
+    row, column = np.argwhere(sequence.read_frame(0).image == 1.0)[0]
+    assert row == 5
+    assert np.degrees(sequence.sonar.bearing_rad[column]) == pytest.approx(-15.0 + 3 * 0.23, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("beams", "telephoto", "known_deg"),
+    [
+        # Single centres that the maker states for its average lens of 2018, by beam.
+        (48, False, {0: -13.5735, 12: -7.5026, 23: -0.3461, 24: 0.3461, 40: 10.2824, 47: 13.5735}),
+        (96, False, {0: -13.749, 28: -6.4652, 48: 0.1706, 72: 8.0193, 95: 13.8759}),
+        (64, False, {0: -14.8872, 16: -7.3742, 31: -0.2389, 63: 14.8872}),
+        (128, False, {0: -15.0068}),
+        (48, True, {0: -7.339, 12: -3.659, 47: 7.339}),
+        (96, True, {0: -7.419, 24: -3.739, 95: 7.419}),
+    ],
+)
+def test_beams_point_where_the_maker_says(beams: int, telephoto: bool, known_deg: dict[int, float]) -> None:
+    centres_deg = np.degrees(beam_centres_rad(beams, telephoto))
+    assert len(centres_deg) == beams and np.all(np.diff(centres_deg) > 0)
+    for beam, expected_deg in known_deg.items():
+        assert centres_deg[beam] == pytest.approx(expected_deg, abs=0.02)
+
+
+@pytest.mark.parametrize(("mode", "beams"), [(1, 48), (2, 48), (3, 96), (5, 96), (6, 64), (8, 64), (9, 128), (12, 128)])
+def test_the_ping_mode_says_the_number_of_beams(tmp_path: Path, mode: int, beams: int) -> None:
+    path = write_file(tmp_path / "a.aris", [pack_header(1, ping_mode=mode) + bytes(SAMPLES * beams)])
+    assert read_aris(path).sonar.shape == (SAMPLES, beams)
+
+
+BODY = bytes(SAMPLES * 128)
+GOOD = [pack_header(1_000_000) + BODY, pack_header(2_000_000) + BODY]
+
+
+@pytest.mark.parametrize(
+    ("frames", "message"),
+    [
+        ([], r"expected at least one frame, found 1024 bytes"),
+        ([*GOOD, pack_header(3_000_000) + BODY[:-7]], r"expected 11776 .*found 11769: .*after 2 whole frames.*to 8192"),
+        ([*GOOD, b"\0" * 500], r"found 8692: .*after 2 whole frames"),
+        ([*GOOD, pack_header(3_000_000, samples=10) + BODY], r"frame 2: expected 20 samples x 128.*found 10 x 128"),
+        ([*GOOD, pack_header(3_000_000, ping_mode=1) + BODY], r"frame 2: expected 20 samples x 128.*found 20 x 48"),
+        ([*GOOD, pack_header(3_000_000, delay_us=9) + BODY], r"frame 2: expected sample_start_delay_us 4593.*found 9"),
+        ([*GOOD, pack_header(3_000_000, version=b"DDF\x04") + BODY], r"frame 2: expected a frame header that says DDF"),
+        ([*GOOD, pack_header(2_000_000) + BODY], r"frame 2: expected a time after 2\.000000 s .*found 2\.000000 s"),
+        ([*GOOD, pack_header(1_500_000) + BODY], r"frame 2: expected a time after 2\.000000 s .*found 1\.500000 s"),
+        ([pack_header(1, ping_mode=0) + BODY], r"frame 0: expected a ping mode of 1\.\.12, found 0"),
+        ([pack_header(1, ping_mode=13) + BODY], r"found 13"),
+        ([pack_header(1, samples=0) + BODY], r"frame 0: .*samples a beam, found 0"),
+        ([pack_header(1, samples=2**31) + BODY], r"frame 0: .*samples a beam, found 2147483648"),
+        ([pack_header(1, reordered=0) + BODY], r"frame 0: expected samples in beam order"),
+        ([pack_header(1, speed_m_s=float("nan")) + BODY], r"frame 0: .*speed of sound.*nan m/s"),
+        ([pack_header(1, period_us=0) + BODY], r"frame 0: .*found 0 us"),
+    ],
+)
+def test_a_fault_is_named(tmp_path: Path, frames: list[bytes], message: str) -> None:
+    path = write_file(tmp_path / "a.aris", frames)
+    with pytest.raises(AsfmError, match=rf"a\.aris.*{message}") as error:
+        open_sequence(path)
+    assert "\n" not in str(error.value)
+
+
+def test_a_file_that_shrinks_after_opening_is_named(tmp_path: Path) -> None:
+    path = write_file(tmp_path / "a.aris", GOOD)
+    sequence = read_aris(path)
+    path.write_bytes(path.read_bytes()[:-100])
+    sequence.read_frame(0)
+    with pytest.raises(AsfmError, match=r"frame 1: expected 2560 bytes of samples, found 2460"):
+        sequence.read_frame(1)
+    with pytest.raises(IndexError):
+        sequence.read_frame(2)
+
+
+def test_a_changing_speed_of_sound_is_a_warning_with_numbers(tmp_path: Path) -> None:
+    frames = [pack_header(1, speed_m_s=1440.0) + BODY, pack_header(2, speed_m_s=1441.0) + BODY]
+    (warning,) = read_aris(write_file(tmp_path / "a.aris", frames)).warnings
+    assert "1440.00 to 1441.00 m/s" in warning
+
+
+def test_the_makers_sample(shared_data: Path) -> None:
+    path = shared_data / "aris" / "sample.aris"
+    sequence = open_sequence(path)
+    assert (len(sequence), sequence.sonar.shape) == (6, (2000, 48))
+    assert sequence.sonar.range_edges_m[0] == pytest.approx(3.2976, abs=1e-3)
+    assert sequence.sonar.range_edges_m[-1] - sequence.sonar.range_edges_m[0] == pytest.approx(20.103, abs=1e-3)
+    assert "telephoto" in sequence.sonar.name and "telephoto" in sequence.warnings[0]
+    images: FloatArray = np.stack([frame.image for frame in sequence]).astype(np.float64)
+    neighbours = np.corrcoef(images[2].ravel(), images[3].ravel())[0, 1]
+    mirrored = np.corrcoef(images[2].ravel(), images[3][:, ::-1].ravel())[0, 1]
+    assert neighbours > mirrored, "the sonar hardly moved: rows and columns are what they should be"
+
+
+def test_the_decibels_survive_conversion(tmp_path: Path, shared_data: Path) -> None:
+    recording = read_aris(shared_data / "aris" / "sample.aris")
+    assert recording.read_frame(0).decibel_span == 80.0
+    write_native(tmp_path / "native", recording)
+    again = read_native(tmp_path / "native").read_frame(0)
+    assert again.decibel_span == 80.0
+    np.testing.assert_array_equal(again.image, recording.read_frame(0).image)

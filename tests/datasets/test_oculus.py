@@ -1,0 +1,227 @@
+"""Oculus recordings: messages packed here after the maker's layout, and a real ping."""
+
+import math
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from asfm.config import CfarConfig
+from asfm.datasets import open_sequence
+from asfm.datasets.native.reader import read_native
+from asfm.datasets.native.writer import write_native
+from asfm.datasets.oculus.reader import is_oculus, read_oculus
+from asfm.errors import AsfmError
+from asfm.frontend.denoising.cfar import detect_cfar
+from asfm.sequence import Sequence
+
+RANGES, BEAMS = 6, 5
+BEARINGS = (-3000, -1200, 100, 1500, 3000)
+STEP_M = 0.25
+TYPES: dict[int, Any] = {0: np.uint8, 1: np.uint16, 3: np.uint32}
+
+
+def pack_message(body: bytes, number: int = 0x23, version: int = 0) -> bytes:
+    return struct.pack("<HHHHHIH", 0x4F53, 1, 0, number, version, len(body), 0) + body
+
+
+def pack_ping(
+    image: np.ndarray | None = None,
+    version: int = 1,
+    data_size: int = 0,
+    gains: np.ndarray | None = None,
+    mode: int = 2,
+    rate: int = 3,
+    flags: int | None = None,
+    step_m: float = STEP_M,
+    start: float = 0.0,
+    bearings: tuple[int, ...] = BEARINGS,
+    beams: int | None = None,
+    image_shift: int = 0,
+    gamma: int = 255,
+) -> bytes:
+    """Pack one simple ping result, field after field and without gaps, as the sonar sends it."""
+    image = np.zeros((RANGES, BEAMS)) if image is None else image
+    rows = image.astype(np.dtype(TYPES.get(data_size, np.uint8)).newbyteorder("<"))
+    lines = [row.tobytes() for row in rows]
+    if gains is not None:
+        lines = [struct.pack("<I", gain) + line for gain, line in zip(gains, lines, strict=True)]
+    pixels = b"".join(lines)
+    flags = (0x01 | (0x04 if gains is not None else 0)) if flags is None else flags
+    fire = struct.pack("<BBBBBdddd", mode, rate, 255, gamma, flags, 2.0, 50.0, 0.0, 35.0)
+    grid = (len(rows), len(bearings) if beams is None else beams)
+    offset = (122 if version == 1 else 202) + 2 * len(bearings) + 10
+    sizes = (offset + image_shift, len(pixels), offset + len(pixels))
+    if version == 1:
+        head = struct.pack("<IIdddd", 7, 0, 2.1e6, math.nan, 1e190, 1500.0) + struct.pack("<I", int(start))
+        head += struct.pack("<BdHHIII", data_size, step_m, *grid, *sizes)
+    else:
+        head = struct.pack("<I32x", 0) + struct.pack(
+            "<IIdddddddd", 7, 0, 2.1e6, 11.0, 1.1, 90.0, 1.0, 2.0, 1500.0, start
+        )
+        head += struct.pack("<BdHH16xIII", data_size, step_m, *grid, *sizes)
+    table = struct.pack(f"<{len(bearings)}h", *bearings)
+    return pack_message(fire + head + table + bytes(10) + pixels, version=0 if version == 1 else 2)
+
+
+def open_bytes(folder: Path, *messages: bytes) -> Sequence:
+    (folder / "a.raw").write_bytes(b"".join(messages))
+    return open_sequence(folder / "a.raw")
+
+
+@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("data_size", [0, 1, 3])
+@pytest.mark.parametrize("with_gains", [False, True])
+def test_a_file_reads_as_its_bytes_say(tmp_path: Path, version: int, data_size: int, with_gains: bool) -> None:
+    rng = np.random.default_rng(data_size)
+    images = [rng.integers(0, np.iinfo(TYPES[data_size]).max, (RANGES, BEAMS)) for _ in range(3)]
+    gains = rng.integers(1, 90, RANGES) if with_gains else None
+    status = pack_message(b"whatever", number=0x80)
+    pings = [pack_ping(image, version, data_size, gains, start=i) for i, image in enumerate(images)]
+    sequence = open_bytes(tmp_path, status, pings[0], status, *pings[1:], status)
+    assert (sequence.kind, len(sequence), sequence.sonar.shape) == ("oculus", 3, (RANGES, BEAMS))
+    np.testing.assert_allclose(sequence.sonar.range_m, STEP_M * (np.arange(RANGES) + 0.5), rtol=1e-12)
+    expected = np.stack(images)[..., ::-1].astype(float)
+    if gains is not None:
+        expected /= np.sqrt(gains)[:, None]
+    expected /= 255 if (data_size, with_gains) == (0, False) else expected.max()
+    for index, frame in enumerate(sequence):
+        np.testing.assert_allclose(frame.image, expected[index], rtol=1e-6)
+        assert frame.image.dtype == np.float32 and not frame.invalid.any() and frame.decibel_span is None
+        assert frame.timestamp_s == sequence.timestamps_s[index]
+
+
+@pytest.mark.parametrize(("gamma", "power"), [(255, 1.0), (0, 1.0), (127, 255 / 127), (51, 5.0)])
+@pytest.mark.parametrize("data_size", [0, 1])
+def test_the_gamma_is_undone(tmp_path: Path, gamma: int, power: float, data_size: int) -> None:
+    image = np.linspace(0, 255, RANGES * BEAMS).round().reshape(RANGES, BEAMS)
+    found = open_bytes(tmp_path, pack_ping(image, gamma=gamma, data_size=data_size)).read_frame(0).image
+    np.testing.assert_allclose(found[:, ::-1], (image / 255) ** power, rtol=1e-5)
+
+
+def test_the_table_is_positive_to_starboard(tmp_path: Path) -> None:
+    image = np.zeros((RANGES, BEAMS))
+    image[2, 1] = 255  # at -12 degrees of the table: to port
+    sequence = open_bytes(tmp_path, pack_ping(image))
+    np.testing.assert_allclose(np.degrees(sequence.sonar.bearing_rad), [-30, -15, -1, 12, 30], atol=1e-12)
+    row, column = np.argwhere(sequence.read_frame(0).image == 1.0)[0]
+    assert row == 2 and np.degrees(sequence.sonar.bearing_rad[column]) == pytest.approx(12)
+
+
+def test_the_frequency_says_the_aperture(tmp_path: Path) -> None:
+    for mode, aperture_deg, name in ((1, 20, "low frequency"), (2, 12, "high frequency")):
+        sequence = open_bytes(tmp_path, pack_ping(mode=mode))
+        assert np.degrees(sequence.sonar.elevation_aperture_rad) == pytest.approx(aperture_deg)
+        assert name in sequence.sonar.name and sequence.warnings == ()
+    (warning,) = open_bytes(tmp_path, pack_ping(mode=9)).warnings
+    assert "mode 9" in warning and "12 degrees" in warning
+    other = read_oculus(tmp_path / "a.raw", elevation_aperture_deg=15)
+    assert np.degrees(other.sonar.elevation_aperture_rad) == pytest.approx(15) and other.warnings == ()
+
+
+def test_stamps_are_the_clock_s_where_it_is_one(tmp_path: Path) -> None:
+    starts = (100.0, 100.3, 100.4)
+    clocked = open_bytes(tmp_path, *[pack_ping(version=2, start=start) for start in starts])
+    np.testing.assert_array_equal(clocked.timestamps_s, starts)
+    assert clocked.warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("version", "rate", "starts", "hz"),
+    [
+        (1, 3, (100, 200, 300), 5),
+        (1, 195, (100, 200, 300), 10),
+        (2, 1, (5.0, 5.0, 6.0), 15),
+        (2, 1, (5.0, 4.0, 6.0), 15),
+        (2, 0, (5.0, math.nan, 6.0), 10),
+        (2, 0, (1e9, 1.1e9, 1.2e9), 10),
+    ],
+)
+def test_other_stamps_are_spaced_evenly(
+    tmp_path: Path, version: int, rate: int, starts: tuple[float, ...], hz: float
+) -> None:
+    sequence = open_bytes(tmp_path, *[pack_ping(version=version, rate=rate, start=start) for start in starts])
+    np.testing.assert_allclose(sequence.timestamps_s, np.arange(3) / hz)
+    (warning,) = sequence.warnings
+    assert f"evenly at {hz:g} Hz" in warning
+
+
+def test_a_small_change_of_resolution_is_a_warning(tmp_path: Path) -> None:
+    (warning,) = open_bytes(
+        tmp_path, pack_ping(version=2, start=1), pack_ping(version=2, start=2, step_m=0.2501)
+    ).warnings
+    assert "0.25 to 0.2501 m" in warning
+
+
+GOOD = pack_ping()
+
+
+@pytest.mark.parametrize(
+    ("messages", "message"),
+    [
+        ((GOOD, GOOD[:-3]), r"byte \d+: expected a message of \d+ bytes, found \d+: .*cut off.*the 1 whole pings"),
+        ((GOOD[:100],), r"byte 0: expected a message of .*found 100: the file is cut off; copy it again$"),
+        ((GOOD, GOOD[:9]), r"expected a message of 16 bytes, found 9"),
+        ((GOOD, b"\0" * 40), rf"byte {len(GOOD)}: expected an Oculus message, found others.*cut it to {len(GOOD)} "),
+        ((pack_message(b"status", 0x80),), r"expected at least one simple ping result, found 22 bytes"),
+        ((pack_message(b"short"),), r"frame 0: expected a message of 122 bytes or more, found 21"),
+        ((pack_ping(beams=0),), r"frame 0: expected at least 2 ranges x 2 beams, found 6 x 0"),
+        ((pack_ping(np.zeros((0, BEAMS))),), r"frame 0: .*found 0 x 5"),
+        ((pack_ping(data_size=2),), r"frame 0: expected samples of 8, 16 or 32 bits \(0, 1, 3\), found 2"),
+        ((pack_ping(step_m=math.nan),), r"frame 0: expected a range resolution .* found nan m"),
+        ((pack_ping(step_m=0.0),), r"frame 0: expected a range resolution .* found 0\.0 m"),
+        ((pack_ping(bearings=BEARINGS[::-1]),), r"frame 0: expected 5 bearings that rise"),
+        ((pack_ping(bearings=(*BEARINGS[:-1], 9500)),), r"frame 0: expected 5 bearings that rise within -90\.\.90"),
+        ((pack_ping(beams=4),), r"frame 0: expected an image of 24 bytes \(6 ranges x 4 beams of 8 bits.*found 30"),
+        ((pack_ping(flags=4),), r"frame 0: expected an image of 54 bytes .*with row gains\), found 30"),
+        ((pack_ping(image_shift=1),), r"frame 0: expected 30 bytes of image within the message"),
+        ((pack_ping(image_shift=-20),), r"frame 0: expected 30 bytes of image within the message"),
+        ((pack_ping(gains=np.array([9, 9, 0, 9, 9, 9])),), r"frame 0: expected a gain above 0 .*found 0 in row 2"),
+        ((GOOD, pack_ping(np.zeros((7, BEAMS)))), r"frame 1: expected ranges x beams \(6, 5\) .*found \(7, 5\): split"),
+        ((GOOD, pack_ping(version=2)), r"frame 1: expected message version 1 as in frame 0, found 2: split"),
+        ((GOOD, pack_ping(mode=1)), r"frame 1: expected frequency mode 2 as in frame 0, found 1"),
+        ((GOOD, pack_ping(gamma=127)), r"frame 1: expected gamma 1\.0 as in frame 0, found 0\.498: split"),
+        ((GOOD, pack_ping(data_size=1)), r"frame 1: expected bits a sample 8 as in frame 0, found 16"),
+        ((GOOD, pack_ping(step_m=0.5)), r"frame 1: expected range resolution 0\.25 m as in frame 0, found 0\.5 m"),
+        ((GOOD, pack_ping(bearings=(*BEARINGS[:-1], 3001))), r"frame 1: expected bearings .*found -30\.\.30\.01 deg"),
+    ],
+)
+def test_a_fault_is_named(tmp_path: Path, messages: tuple[bytes, ...], message: str) -> None:
+    with pytest.raises(AsfmError, match=rf"a\.raw.*{message}") as error:
+        open_bytes(tmp_path, *messages)
+    assert "\n" not in str(error.value)
+
+
+def test_a_file_that_shrinks_after_opening_is_named(tmp_path: Path) -> None:
+    sequence = open_bytes(tmp_path, GOOD, GOOD)
+    (tmp_path / "a.raw").write_bytes((GOOD + GOOD)[:-10])
+    sequence.read_frame(0)
+    with pytest.raises(AsfmError, match=r"frame 1: expected 30 bytes of samples, found 20"):
+        sequence.read_frame(1)
+    with pytest.raises(IndexError):
+        sequence.read_frame(2)
+
+
+def test_text_is_no_recording(tmp_path: Path) -> None:
+    path = tmp_path / "a.raw"
+    for content in (b"SONAR LOG of the dive\n" * 9, b"", b"SO"):
+        path.write_bytes(content)
+        assert not is_oculus(path)
+    assert not is_oculus(tmp_path)
+
+
+def test_a_real_ping_reads_and_survives_conversion(tmp_path: Path, shared_data: Path) -> None:
+    sequence = open_sequence(shared_data / "oculus_ping" / "one_ping_8bit.raw")
+    assert (len(sequence), sequence.sonar.shape, sequence.warnings) == (1, (703, 256), ())
+    assert sequence.sonar.range_edges_m[-1] == pytest.approx(1.998, abs=1e-3)
+    np.testing.assert_allclose(np.degrees(sequence.sonar.bearing_rad[[0, -1]]), [-30, 30], atol=1e-9)
+    image = sequence.read_frame(0).image
+    rows = np.corrcoef(image[260:400].ravel(), image[261:401].ravel())[0, 1]
+    assert rows > 0.3, "neighbouring rows are alike: the stride is right"
+    config = CfarConfig()
+    alarms = detect_cfar(image, np.ones(image.shape, dtype=bool), config)[560:680].mean()
+    assert alarms == pytest.approx(config.false_alarm_probability, rel=0.15), "amplitudes, where water is empty"
+    write_native(tmp_path / "native", sequence, bits=16)
+    np.testing.assert_allclose(read_native(tmp_path / "native").read_frame(0).image, image, atol=1 / 65535)

@@ -1,0 +1,54 @@
+"""The even gain of the picture in which features are looked for."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
+
+from asfm.config import KeypointsConfig
+from asfm.frontend.features.intensity import BRIGHT_SHARE, KNEE, even_gain, find_quantile
+from asfm.types import ImageArray
+
+STILL = KeypointsConfig(smoothing_px=0)
+
+
+@given(
+    arrays(np.float32, array_shapes(min_dims=2, max_dims=2, max_side=30), elements=st.floats(0, 1, width=32)),
+    st.floats(0, 1),
+)
+def test_the_quantile_is_that_of_numpy(image: ImageArray, share: float) -> None:
+    assert find_quantile(image, share) == pytest.approx(float(np.quantile(image.astype(float), share)), abs=1e-9)
+
+
+def test_the_scale_is_linear_below_the_knee_and_never_ends_above() -> None:
+    image = np.linspace(0, 1, 40000, dtype=np.float32).reshape(200, 200)
+    image[-1, -10:] = 5.0
+    even = even_gain(image, STILL)
+    linear = image / find_quantile(image, BRIGHT_SHARE)
+    np.testing.assert_allclose(even[linear <= KNEE], linear[linear <= KNEE], rtol=1e-6)
+    assert (np.diff(even.ravel()[:-10]) > 0).all() and even[-1, -1] > even[-1, -11] and even.max() < 1
+    slope = np.diff(even.ravel()[:-10]).reshape(-1)
+    assert slope.max() == pytest.approx(np.median(slope), rel=0.01), "no jump and no kink upwards at the knee"
+
+
+@pytest.mark.parametrize("smoothing_px", [0.0, 2.0])
+@pytest.mark.parametrize("factor", [1e-40, 1e-3, 1.0, 1e3])
+def test_the_gain_is_taken_out_and_the_image_left_alone(factor: float, smoothing_px: float) -> None:
+    image = np.random.default_rng(0).rayleigh(0.1, (60, 50)).astype(np.float32)
+    settings = KeypointsConfig(smoothing_px=smoothing_px)
+    scaled = np.asarray(image * np.float32(factor))
+    before = scaled.copy()
+    with np.errstate(all="raise", under="ignore"):
+        even = even_gain(scaled, settings)
+    np.testing.assert_array_equal(scaled, before)
+    if factor > 1e-30:  # below, single precision itself is coarse
+        np.testing.assert_allclose(even, even_gain(image, settings), rtol=1e-4, atol=1e-6)
+    assert np.isfinite(even).all() and 0 <= even.min() <= even.max() < 1
+
+
+@pytest.mark.parametrize("image", [np.zeros((20, 20)), np.full((20, 20), -1.0), np.ones((1, 1))])
+def test_nothing_stays_nothing(image: ImageArray) -> None:
+    even = even_gain(image.astype(np.float32), STILL)
+    assert np.isfinite(even).all() and even.min() >= 0
+    assert (even == 0).all() == (image.max() <= 0)

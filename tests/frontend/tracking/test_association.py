@@ -1,0 +1,160 @@
+"""Association on keypoints of random points seen from known poses: true matches stay, wrong ones go."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from asfm.config import Config, TracksConfig
+from asfm.frontend.tracking.association import associate
+from asfm.frontend.tracking.track_builder import build_tracks
+from asfm.geometry.poses import invert, make_pose, transform
+from asfm.geometry.sonar import SonarModel, back_project, feature_sigma, project
+from asfm.types import FloatArray, Keypoints, Matches, Tracks
+
+SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (600, 256), 0.35)
+CONFIG = Config()
+FRAMES, POINTS = 8, 60
+
+
+@dataclass(frozen=True)
+class World:
+    world_from_sonar: FloatArray
+    keypoints: list[Keypoints]
+    point: list[list[int]]
+    """Which point each keypoint of each frame shows."""
+
+    def matches(self, a: int, b: int, wrong: int, rng: np.random.Generator) -> Matches:
+        """All true matches and some wrong ones, which cost less."""
+        true = [
+            (self.point[a].index(name), self.point[b].index(name)) for name in set(self.point[a]) & set(self.point[b])
+        ]
+        pairs = np.array(sorted(true), dtype=np.int64).reshape(-1, 2)
+        swapped = rng.integers(0, (len(self.point[a]), len(self.point[b])), (wrong, 2))
+        cost = np.concatenate([rng.uniform(0.5, 1.0, len(pairs)), rng.uniform(0.0, 0.5, wrong)])
+        return Matches(a, b, np.concatenate([pairs, swapped]), cost)
+
+    def all_matches(self, wrong: int, rng: np.random.Generator) -> list[Matches]:
+        return [self.matches(a, b, wrong, rng) for b in range(FRAMES) for a in range(max(0, b - 4), b)]
+
+    def points_of(self, tracks: Tracks) -> list[set[int]]:
+        """Which points the observations of each track show."""
+        found: list[set[int]] = [set() for _ in range(tracks.count)]
+        for track, frame, range_m in zip(tracks.track, tracks.frame, tracks.range_m, strict=True):
+            (keypoint,) = np.flatnonzero(self.keypoints[frame].range_m == range_m)
+            found[track].add(self.point[frame][keypoint])
+        return found
+
+
+def make_world(seed: int = 0, noise: float = 0.5) -> World:
+    """A scene to port of a path that goes ahead, to port and up while it turns: nothing of it is symmetrical."""
+    rng = np.random.default_rng(seed)
+    step = np.arange(FRAMES)[:, None]
+    xyz_m = step * np.array([0.08, 0.12, 0.03]) + rng.normal(scale=0.02, size=(FRAMES, 3))
+    turn_rad = step * np.array([0.02, -0.01, 0.03])
+    poses = make_pose(xyz_m, Rotation.from_rotvec(turn_rad))
+    points = back_project(rng.uniform(2, 9, POINTS), rng.uniform(0.0, 0.6, POINTS), rng.uniform(-0.12, 0.12, POINTS))
+    sigma = noise * feature_sigma(SONAR, CONFIG.noise)
+    keypoints, names = [], []
+    for pose in poses:
+        local = transform(invert(pose), points)
+        seen = np.flatnonzero(SONAR.sees(local))
+        rng.shuffle(seen)
+        range_m, bearing_rad, _ = project(local[seen])
+        range_m, bearing_rad = (
+            value + rng.normal(scale=scale, size=len(seen))
+            for value, scale in zip((range_m, bearing_rad), sigma, strict=True)
+        )
+        names.append(seen.tolist())
+        keypoints.append(keypoints_at(range_m, bearing_rad))
+    return World(poses, keypoints, names)
+
+
+def keypoints_at(range_m: FloatArray, bearing_rad: FloatArray) -> Keypoints:
+    count = len(range_m)
+    place = np.stack([SONAR.row_at_range(range_m), SONAR.column_at_bearing(bearing_rad)], axis=1)
+    squares = np.zeros((count, 3, 3), dtype=np.float32)
+    return Keypoints(place, range_m, bearing_rad, np.ones(count), np.zeros((count, 61), dtype=np.uint8), squares)
+
+
+def spoilt(world: World, tracks: Tracks) -> float:
+    """Share of tracks that show more than one point."""
+    points = world.points_of(tracks)
+    return sum(len(names) > 1 for names in points) / max(len(points), 1)
+
+
+def test_true_matches_all_stay() -> None:
+    world = make_world()
+    tracks = associate(
+        world.keypoints, world.all_matches(0, np.random.default_rng(1)), SONAR, world.world_from_sonar, CONFIG
+    )
+    assert spoilt(world, tracks) == 0
+    often = [name for name in range(POINTS) if sum(name in names for names in world.point) >= 3]
+    assert len(often) > 40
+    assert sorted(name for names in world.points_of(tracks) for name in names) == often
+    assert len(tracks) == sum(name in names for name in often for names in world.point)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_wrong_matches_go_though_they_cost_less(seed: int) -> None:
+    world = make_world(seed)
+    candidates = world.all_matches(15, np.random.default_rng(seed))
+    kept = associate(world.keypoints, candidates, SONAR, world.world_from_sonar, CONFIG)
+    assert spoilt(world, build_tracks(world.keypoints, candidates, 3)) > 0.5, "without the gate"
+    assert spoilt(world, kept) < 0.1
+    pure = {name for names in world.points_of(kept) if len(names) == 1 for name in names}
+    assert len(pure) > 0.85 * POINTS
+
+
+def test_a_mirrored_bearing_axis_is_not_silent() -> None:
+    world = make_world()
+    mirrored = [keypoints_at(frame.range_m, -frame.bearing_rad) for frame in world.keypoints]
+    candidates = world.all_matches(0, np.random.default_rng(1))
+    config = Config(tracks=TracksConfig(gate_factor=1e-3))
+    right = associate(world.keypoints, candidates, SONAR, world.world_from_sonar, config)
+    wrong = associate(mirrored, candidates, SONAR, world.world_from_sonar, config)
+    assert len(wrong) < 0.5 * len(right)
+
+
+def test_the_gate_follows_the_poses_error() -> None:
+    """All matches of drifted poses lie off their arcs; a gate of fixed width would lose them, the default does not."""
+    world = make_world()
+    drift = make_pose(
+        np.arange(FRAMES)[:, None] * np.array([0.05, -0.05, 0.0]),
+        Rotation.from_rotvec(np.arange(FRAMES)[:, None] * np.array([0.0, 0.0, 0.02])),
+    )
+    candidates = world.all_matches(0, np.random.default_rng(1))
+    followed = associate(world.keypoints, candidates, SONAR, world.world_from_sonar @ drift, CONFIG)
+    fixed_gate = Config(tracks=TracksConfig(gate_factor=1e-3))
+    fixed = associate(world.keypoints, candidates, SONAR, world.world_from_sonar @ drift, fixed_gate)
+    best = associate(world.keypoints, candidates, SONAR, world.world_from_sonar, CONFIG)
+    assert len(followed) > 0.9 * len(best)
+    assert len(fixed) < 0.75 * len(best)
+
+
+def test_the_world_s_frame_does_not_matter() -> None:
+    world = make_world()
+    elsewhere = make_pose(np.array([30.0, -20.0, 5.0]), Rotation.from_rotvec([0.3, -0.5, 2.0]))
+    candidates = world.all_matches(10, np.random.default_rng(1))
+    here = associate(world.keypoints, candidates, SONAR, world.world_from_sonar, CONFIG)
+    there = associate(world.keypoints, candidates, SONAR, elsewhere @ world.world_from_sonar, CONFIG)
+    np.testing.assert_array_equal(here.track, there.track)
+    np.testing.assert_array_equal(here.range_m, there.range_m)
+
+
+def test_nothing_to_associate_gives_no_tracks() -> None:
+    world = make_world()
+    empty = Matches(0, 1, np.zeros((0, 2), dtype=np.int64), np.zeros(0))
+    for candidates in ([], [empty]):
+        tracks = associate(world.keypoints, candidates, SONAR, world.world_from_sonar, CONFIG)
+        assert (len(tracks), tracks.count) == (0, 0)
+
+
+def test_short_tracks_are_left_out() -> None:
+    world = make_world()
+    candidates = world.all_matches(0, np.random.default_rng(1))
+    for min_views in (2, 5):
+        config = Config(tracks=TracksConfig(min_views=min_views))
+        tracks = associate(world.keypoints, candidates, SONAR, world.world_from_sonar, config)
+        assert np.bincount(tracks.track).min() >= min_views

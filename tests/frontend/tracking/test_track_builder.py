@@ -1,0 +1,195 @@
+"""Tracks: the promises of their type, and a slow union-find with sets that must find the same."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from asfm.frontend.tracking.track_builder import build_tracks, share_changed
+from asfm.types import Keypoints, Matches, Tracks
+
+Node = tuple[int, int]
+"""(frame, keypoint)"""
+
+
+def make_keypoints(counts: list[int]) -> list[Keypoints]:
+    """Keypoints whose range tells who they are: frame + keypoint / 1000, and whose bearing is minus that."""
+    found = []
+    for frame, count in enumerate(counts):
+        name = frame + np.arange(count) / 1000
+        nothing = np.zeros((count, 2))
+        found.append(
+            Keypoints(nothing, name, -name, name, np.zeros((count, 8), np.uint8), np.zeros((count, 3, 3), np.float32))
+        )
+    return found
+
+
+@dataclass(frozen=True)
+class Case:
+    counts: list[int]
+    matches: list[Matches]
+
+    @property
+    def keypoints(self) -> list[Keypoints]:
+        return make_keypoints(self.counts)
+
+
+def make_case(seed: int, frames: int, most: int, density: float, distinct: bool = True) -> Case:
+    rng = np.random.default_rng(seed)
+    counts = rng.integers(0, most + 1, frames).tolist()
+    index = []
+    for a in range(frames):
+        for b in range(a + 1, frames):
+            pairs = np.argwhere(rng.random((counts[a], counts[b])) < density)
+            index.append((a, b, pairs.astype(np.int64)))
+    total = sum(len(pairs) for _, _, pairs in index)
+    costs = rng.permutation(total) / max(total, 1) if distinct else rng.integers(0, 3, total).astype(float)
+    parts = np.split(costs, np.cumsum([len(pairs) for _, _, pairs in index])[:-1]) if index else []
+    return Case(counts, [Matches(a, b, pairs, cost) for (a, b, pairs), cost in zip(index, parts, strict=True)])
+
+
+CASES = st.builds(make_case, st.integers(0, 2**32 - 1), st.integers(0, 7), st.integers(0, 6), st.floats(0, 0.5))
+CASES_WITH_TIES = st.builds(
+    make_case, st.integers(0, 2**32 - 1), st.integers(0, 7), st.integers(0, 6), st.floats(0, 0.5), st.just(False)
+)
+
+
+def join_slowly(case: Case, min_views: int) -> set[frozenset[Node]]:
+    """Merge plain sets, cheapest match first, never two keypoints of a frame."""
+    edges = [
+        (cost, (match.frame_a, a), (match.frame_b, b))
+        for match in case.matches
+        for (a, b), cost in zip(match.index.tolist(), match.cost.tolist(), strict=True)
+    ]
+    home = {(frame, k): {(frame, k)} for frame, count in enumerate(case.counts) for k in range(count)}
+    for _, a, b in sorted(edges, key=lambda edge: edge[0]):
+        one, other = home[a], home[b]
+        if one is other or {frame for frame, _ in one} & {frame for frame, _ in other}:
+            continue
+        one |= other
+        for node in other:
+            home[node] = one
+    return {frozenset(group) for group in home.values() if len(group) >= min_views}
+
+
+def members(tracks: Tracks) -> set[frozenset[Node]]:
+    keypoint = np.round((tracks.range_m - tracks.frame) * 1000).astype(int)
+    return {
+        frozenset(zip(tracks.frame[mine].tolist(), keypoint[mine].tolist(), strict=True))
+        for mine in (tracks.track == number for number in range(tracks.count))
+    }
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.one_of(CASES, CASES_WITH_TIES), st.integers(2, 4))
+def test_tracks_are_those_of_merging_sets(case: Case, min_views: int) -> None:
+    assert members(build_tracks(case.keypoints, case.matches, min_views)) == join_slowly(case, min_views)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.one_of(CASES, CASES_WITH_TIES), st.integers(2, 4))
+def test_tracks_keep_the_promises_of_their_type(case: Case, min_views: int) -> None:
+    tracks = build_tracks(case.keypoints, case.matches, min_views)
+    place = list(zip(tracks.track.tolist(), tracks.frame.tolist(), strict=True))
+    assert place == sorted(set(place)), "sorted by (track, frame), a frame only once in a track"
+    assert sorted(set(tracks.track.tolist())) == list(range(tracks.count))
+    assert (np.bincount(tracks.track, minlength=1) >= (min_views if tracks.count else 0)).all()
+    assert tracks.track.dtype == tracks.frame.dtype == np.int64
+    assert len(tracks.range_m) == len(tracks.bearing_rad) == len(tracks)
+    names = set(tracks.range_m.tolist())
+    assert len(names) == len(tracks), "no keypoint is in two tracks"
+    np.testing.assert_array_equal(np.floor(tracks.range_m + 1e-9), tracks.frame)
+    np.testing.assert_array_equal(tracks.bearing_rad, -tracks.range_m)
+
+
+@settings(max_examples=60, deadline=None)
+@given(CASES, st.integers(0, 2**32 - 1))
+def test_order_of_the_matches_does_not_matter(case: Case, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    shuffled = []
+    for which in rng.permutation(len(case.matches)):
+        match = case.matches[which]
+        order = rng.permutation(len(match))
+        index, cost = match.index[order], match.cost[order]
+        if rng.random() < 0.5:
+            shuffled.append(Matches(match.frame_b, match.frame_a, index[:, ::-1], cost))
+        else:
+            shuffled.append(Matches(match.frame_a, match.frame_b, index, cost))
+    assert members(build_tracks(case.keypoints, shuffled)) == members(build_tracks(case.keypoints, case.matches))
+
+
+def test_the_cheaper_of_two_that_clash_wins() -> None:
+    keypoints = make_keypoints([1, 2, 1])
+    first = Matches(0, 1, np.array([[0, 0], [0, 1]]), np.array([0.5, 0.1]))
+    second = Matches(1, 2, np.array([[0, 0]]), np.array([0.3]))
+    assert members(build_tracks(keypoints, [first, second])) == {
+        frozenset({(0, 0), (1, 1)}),
+        frozenset({(1, 0), (2, 0)}),
+    }
+
+
+def test_a_long_chain_is_one_track() -> None:
+    count = 300
+    chain = [Matches(frame, frame + 1, np.array([[0, 0]]), np.array([float(frame)])) for frame in range(count - 1)]
+    for matches in (chain, chain[::-1], chain[::2] + chain[1::2]):
+        tracks = build_tracks(make_keypoints([1] * count), matches)
+        np.testing.assert_array_equal(tracks.frame, np.arange(count))
+        assert tracks.count == 1
+
+
+@pytest.mark.parametrize("counts", [[], [0], [0, 0, 0], [3, 2]])
+def test_nothing_matched_is_no_track(counts: list[int]) -> None:
+    nothing = [Matches(0, 1, np.zeros((0, 2), dtype=np.int64), np.zeros(0))] if len(counts) > 1 else []
+    for matches in ([], nothing):
+        tracks = build_tracks(make_keypoints(counts), matches)
+        assert (len(tracks), tracks.count) == (0, 0)
+        assert [array.shape for array in (tracks.track, tracks.frame, tracks.range_m, tracks.bearing_rad)] == [(0,)] * 4
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_sigma_is_the_median_over_the_matches_of_a_keypoint(seed: int) -> None:
+    case = make_case(seed, 6, 6, 0.3)
+    rng = np.random.default_rng(seed)
+    matches = [replace(match, sigma=rng.random((len(match), 2))) for match in case.matches]
+    tracks = build_tracks(case.keypoints, matches)
+    assert tracks.sigma is not None and len(tracks.sigma) == len(tracks) > 0
+    for frame, range_m, sigma in zip(tracks.frame, tracks.range_m, tracks.sigma, strict=True):
+        name = round((range_m - frame) * 1000)
+        own = [
+            match.sigma[match.index[:, side] == name]
+            for match in matches
+            for side, at in enumerate((match.frame_a, match.frame_b))
+            if at == frame and match.sigma is not None
+        ]
+        stated = np.sort(np.concatenate(own), axis=0)
+        assert sigma.tolist() == stated[len(stated) // 2].tolist()
+
+
+def test_sigma_is_not_known_where_a_match_states_none() -> None:
+    case = make_case(0, 5, 5, 0.4)
+    assert build_tracks(case.keypoints, case.matches).sigma is None
+    some = [replace(case.matches[0], sigma=np.ones((len(case.matches[0]), 2))), *case.matches[1:]]
+    assert build_tracks(case.keypoints, some).sigma is None
+
+
+def make_tracks(rng: np.random.Generator, count: int) -> Tracks:
+    """Tracks of three observations each, at places that no other has."""
+    return Tracks(
+        np.repeat(np.arange(count), 3), np.tile(np.arange(3), count), rng.random(3 * count), rng.random(3 * count)
+    )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_changed_is_counted_by_observations_and_not_by_numbers_of_tracks(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    tracks, other = make_tracks(rng, 20), make_tracks(rng, 20)
+    used, fewer = np.ones(60, dtype=bool), np.arange(60) < 45
+    assert share_changed(tracks, used, tracks, used) == 0
+    assert share_changed(tracks, used, other, used) == 1
+    assert share_changed(tracks, used, tracks, fewer) == share_changed(tracks, fewer, tracks, used) == 0.25
+    order = np.argsort(19 - tracks.track, kind="stable")
+    turned = Tracks(tracks.track, tracks.frame[order], tracks.range_m[order], tracks.bearing_rad[order])
+    assert share_changed(tracks, used, turned, used) == 0
+    assert share_changed(tracks, ~used, tracks, ~used) == 0

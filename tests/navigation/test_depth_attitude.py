@@ -1,0 +1,154 @@
+"""Depth and attitude with single wrong readings and gaps: rejected, told with numbers, and no reading made up."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from asfm.config import BackendConfig
+from asfm.geometry.poses import make_pose
+from asfm.geometry.sonar import SonarModel
+from asfm.navigation.depth_attitude import count_sharing, name_frames, read_levels, tilt_of
+from asfm.navigation.outlier_filter import find_spikes
+from asfm.sequence import Sequence
+from asfm.simulation.vehicle.sensors import measure_tilt
+from asfm.types import FloatArray, Frame, Navigation, SensorNoise, Trajectory
+
+SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (500, 128), np.deg2rad(20))
+NOISE = SensorNoise(0.02, 0.005, 0.01, 0.003, 0.003)
+COUNT = 60
+
+
+def _no_frame(index: int) -> Frame:
+    raise AssertionError(f"frame {index} must not be read")
+
+
+def make_sequence(seed: int = 0, readings_every_s: float = 0.2, offset_s: float = 0.0) -> Sequence:
+    """Frames five times a second; depth and attitude sway by many times their noise."""
+    rng = np.random.default_rng(seed)
+    stamps = np.arange(offset_s, COUNT * 0.2, readings_every_s)
+    level = sway(stamps) + rng.normal(0, [0.01, 0.003, 0.003], (len(stamps), 3))
+    navigation = Navigation(stamps, *level.T)
+    return Sequence("made up", SONAR, frame_stamps(), _no_frame, navigation=navigation, noise=NOISE)
+
+
+def frame_stamps() -> FloatArray:
+    return np.asarray(0.2 * np.arange(COUNT))
+
+
+def sway(stamps: FloatArray) -> FloatArray:
+    return np.stack([-2 + 0.3 * np.sin(stamps), 0.2 * np.sin(1.3 * stamps), 0.15 * np.cos(stamps)], axis=1)
+
+
+def spoil(sequence: Sequence, column: int, offsets: dict[int, float]) -> Sequence:
+    assert sequence.navigation is not None
+    names = ("z_m", "roll_rad", "pitch_rad")
+    values = getattr(sequence.navigation, names[column]).copy()
+    for index, offset in offsets.items():
+        values[index] += offset
+    return replace(sequence, navigation=replace(sequence.navigation, **{names[column]: values}))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_clean_readings_are_all_believed(seed: int) -> None:
+    sequence = make_sequence(seed)
+    levels = read_levels(sequence, BackendConfig())
+    assert levels.warnings == ()
+    assert sequence.navigation is not None
+    np.testing.assert_array_equal(levels.z_roll_pitch[:, 0], sequence.navigation.z_m)
+    np.testing.assert_allclose(levels.sigma, np.tile([0.01, 0.003, 0.003], (COUNT, 1)))
+
+
+@pytest.mark.parametrize("where", [{0: 1.0}, {59: -1.0}, {7: 1.0, 20: -1.0, 33: 1.0, 34: 1.0, 50: -0.5}])
+def test_single_wrong_depths_are_not_believed_and_told(where: dict[int, float]) -> None:
+    levels = read_levels(spoil(make_sequence(), 0, where), BackendConfig())
+    truth = sway(frame_stamps())
+    inner = np.isfinite(levels.sigma[:, 0])
+    assert inner.sum() >= COUNT - 1
+    assert np.abs(levels.z_roll_pitch[inner, 0] - truth[inner, 0]).max() < 0.08
+    (sentence,) = levels.warnings
+    assert f"{len(where)} of 60 readings of the depth" in sentence and "not believed" in sentence and " m " in sentence
+
+
+def test_wrong_attitude_leaves_the_depth_alone() -> None:
+    levels = read_levels(spoil(make_sequence(), 1, {30: np.deg2rad(20)}), BackendConfig())
+    (sentence,) = levels.warnings
+    assert "1 of 60 readings of the roll" in sentence and "deg" in sentence
+    assert levels.sigma[30, 1] == pytest.approx(0.003 * np.sqrt(2)), "its neighbours, twice as far apart, stand in"
+    assert levels.sigma[30, 0] == pytest.approx(0.01)
+
+
+def test_a_vehicle_that_really_jumps_is_believed_where_odometry_does_too() -> None:
+    sequence = spoil(make_sequence(), 0, {30: 1.0, 31: 1.0})
+    place = np.zeros((COUNT, 3))
+    place[[30, 31], 2] = 1.0
+    odometry = Trajectory(sequence.timestamps_s, make_pose(place, Rotation.identity(COUNT)))
+    assert read_levels(sequence, BackendConfig(), odometry).warnings == ()
+    assert len(read_levels(sequence, BackendConfig()).warnings) == 1
+
+
+def test_frames_in_a_gap_have_no_depth() -> None:
+    sequence = make_sequence()
+    assert sequence.navigation is not None
+    keep = np.ones(COUNT, dtype=bool)
+    keep[30:41] = False
+    columns = (sequence.navigation.z_m, sequence.navigation.roll_rad, sequence.navigation.pitch_rad)
+    cut = Navigation(sequence.navigation.timestamps_s[keep], *(column[keep] for column in columns))
+    levels = read_levels(replace(sequence, navigation=cut), BackendConfig())
+    np.testing.assert_array_equal(np.isfinite(levels.sigma).all(axis=1), keep)
+    assert np.isfinite(levels.z_roll_pitch).all()
+    (sentence,) = levels.warnings
+    assert "11 of 60 frames (30-40)" in sentence
+
+
+def test_frames_outside_the_readings_time_have_no_depth() -> None:
+    levels = read_levels(make_sequence(offset_s=4.0), BackendConfig())
+    assert np.flatnonzero(~np.isfinite(levels.sigma[:, 0])).tolist() == [*range(20), 59][:20]
+    assert "20 of 60 frames (0-19)" in levels.warnings[0]
+
+
+def test_rare_readings_are_not_counted_more_often_than_they_were_made() -> None:
+    """One reading a second, five frames: the information of all frames together is that of the readings."""
+    levels = read_levels(make_sequence(readings_every_s=1.0, offset_s=0.1), BackendConfig())
+    known = np.isfinite(levels.sigma[:, 0])
+    information = float(np.sum(levels.sigma[known, 0] ** -2.0)) * 0.01**2
+    assert 10 < information < 16
+    assert levels.warnings == () or "frames" in levels.warnings[0]
+
+
+def test_sharing_counts() -> None:
+    frames: FloatArray = np.arange(10.0)
+    np.testing.assert_array_equal(count_sharing(frames, frames), np.ones(10))
+    np.testing.assert_array_equal(count_sharing(np.arange(0, 10, 0.1), frames), np.ones(10))
+    assert np.isinf(count_sharing(np.zeros(0), frames)).all()
+    one = count_sharing(np.array([4.0]), frames)
+    assert np.flatnonzero(np.isfinite(one)).tolist() == [4]
+
+
+def test_tilt_agrees_with_the_simulator() -> None:
+    rng = np.random.default_rng(1)
+    poses = make_pose(rng.normal(0, 1, (20, 3)), Rotation.from_euler("ZYX", rng.uniform(-1, 1, (20, 3))))
+    roll_rad, pitch_rad = measure_tilt(poses)
+    np.testing.assert_allclose(tilt_of(poses), np.stack([poses[:, 2, 3], roll_rad, pitch_rad], axis=1), atol=1e-12)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3, 7, 8, 30])
+def test_a_straight_line_holds_no_spike(count: int) -> None:
+    line = np.outer(np.arange(count), [0.3, -2.0])
+    assert not find_spikes(line, 1e-6)[0].any()
+
+
+@pytest.mark.parametrize("index", [0, 1, 5, 18, 19])
+def test_a_spike_on_a_slope_is_found_wherever_it_is(index: int) -> None:
+    values = np.arange(20.0)[:, None] * 0.5 + np.random.default_rng(0).normal(0, 0.01, (20, 1))
+    values[index] += 3.0
+    wrong, away = find_spikes(values, 0.01)
+    assert np.flatnonzero(wrong[:, 0]).tolist() == [index]
+    assert away[index, 0] == pytest.approx(3.0, abs=0.1)
+
+
+def test_runs_of_frames_are_named() -> None:
+    which = np.zeros(12, dtype=bool)
+    which[[0, 3, 4, 5, 9]] = True
+    assert name_frames(which) == "0, 3-5, 9"

@@ -1,0 +1,119 @@
+"""Odometry that jumps or has gaps: the step is not believed, told with numbers, and clean odometry is untouched."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from asfm.config import BackendConfig
+from asfm.geometry.poses import invert, make_pose
+from asfm.geometry.sonar import SonarModel
+from asfm.navigation.odometry import Odometry, read_odometry
+from asfm.sequence import Sequence
+from asfm.simulation.vehicle.sensors import chain_steps
+from asfm.types import FloatArray, Frame, SensorNoise, Trajectory
+
+SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (500, 128), np.deg2rad(20))
+COUNT = 40
+NOISE = SensorNoise(0.02, 0.005, 0.01, 0.003, 0.003)
+
+
+def _no_frame(index: int) -> Frame:
+    raise AssertionError(f"frame {index} must not be read")
+
+
+def make_steps(seed: int = 0) -> FloatArray:
+    rng = np.random.default_rng(seed)
+    turn = Rotation.from_rotvec(rng.normal([0, 0, 0.01], 0.005, (COUNT - 1, 3)))
+    return make_pose(rng.normal([0.06, 0.01, 0], 0.02, (COUNT - 1, 3)), turn)
+
+
+def make_sequence(steps: FloatArray) -> Sequence:
+    stamps = np.asarray(0.2 * np.arange(COUNT), dtype=np.float64)
+    odometry = Trajectory(stamps, chain_steps(np.eye(4), steps))
+    return Sequence("made up", SONAR, stamps, _no_frame, odometry=odometry, noise=NOISE)
+
+
+def read(sequence: Sequence) -> Odometry:
+    odometry = read_odometry(sequence, BackendConfig())
+    assert odometry is not None
+    assert np.isfinite(odometry.world_from_vehicle).all() and (odometry.step_sigma > 0).all()
+    return odometry
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_clean_odometry_is_untouched(seed: int) -> None:
+    sequence = make_sequence(make_steps(seed))
+    odometry = read(sequence)
+    assert sequence.odometry is not None
+    np.testing.assert_allclose(odometry.world_from_vehicle, sequence.odometry.world_from_vehicle, atol=1e-12)
+    np.testing.assert_array_equal(odometry.step_sigma, np.tile([0.005, 0.02], (COUNT - 1, 1)))
+    assert odometry.warnings == () and not odometry.doubted.any()
+
+
+@pytest.mark.parametrize("step", [0, 1, 20, COUNT - 2])
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_jump_is_taken_out_and_told(step: int, turned: bool) -> None:
+    steps = make_steps()
+    clean = chain_steps(np.eye(4), steps)
+    jump = (
+        make_pose(np.zeros(3), Rotation.from_rotvec([0, 0, 0.6]))
+        if turned
+        else make_pose(np.array([0.8, -0.6, 0.0]), Rotation.identity())
+    )
+    steps[step] = steps[step] @ jump
+    odometry = read(make_sequence(steps))
+    assert np.flatnonzero(odometry.doubted).tolist() == [step]
+    (sentence,) = odometry.warnings
+    assert f"between frames {step} and {step + 1}" in sentence and "not believed" in sentence
+    assert ("1 m" in sentence) != turned
+    apart = invert(clean[step]) @ clean[step + 1]
+    found = invert(odometry.world_from_vehicle[step]) @ odometry.world_from_vehicle[step + 1]
+    off_m = np.linalg.norm((apart - found)[:3, 3])
+    assert off_m < 0.1 < 3 * odometry.step_sigma[step, 1], "the sigma covers what the median misses"
+    assert odometry.step_sigma[step, 0] > 0.005
+
+
+def test_one_wrong_pose_spoils_two_steps() -> None:
+    sequence = make_sequence(make_steps())
+    assert sequence.odometry is not None
+    poses = sequence.odometry.world_from_vehicle.copy()
+    poses[15, :3, 3] += 1.0
+    odometry = read(replace(sequence, odometry=replace(sequence.odometry, world_from_vehicle=poses)))
+    assert np.flatnonzero(odometry.doubted).tolist() == [14, 15]
+    truth = sequence.odometry.world_from_vehicle
+    assert np.abs((odometry.world_from_vehicle - truth)[:, :3, 3]).max() < 0.15
+
+
+def test_lost_pings_and_manoeuvres_are_no_jumps() -> None:
+    sequence = make_sequence(make_steps())
+    keep = np.r_[0:12, 24:COUNT]
+    lost = replace(sequence, timestamps_s=sequence.timestamps_s[keep])
+    assert read(lost).warnings == ()
+    steps = make_steps()
+    steps[10:17, 0, 3] += 0.4
+    assert read(make_sequence(steps)).warnings == ()
+
+
+@pytest.mark.parametrize("lost", [range(15, 26), range(30, COUNT), range(0, 10)])
+def test_steps_without_readings_are_vague(lost: range) -> None:
+    sequence = make_sequence(make_steps())
+    assert sequence.odometry is not None
+    keep = ~np.isin(np.arange(COUNT), lost)
+    cut = Trajectory(sequence.odometry.timestamps_s[keep], sequence.odometry.world_from_vehicle[keep])
+    odometry = read(replace(sequence, odometry=cut))
+    far = ~keep
+    np.testing.assert_array_equal(odometry.doubted, far[:-1] | far[1:])
+    assert odometry.step_sigma[odometry.doubted, 1].min() > 0.04
+    np.testing.assert_array_equal(odometry.step_sigma[~odometry.doubted, 1], 0.02)
+    (sentence,) = odometry.warnings
+    assert f"{len(lost)} of {COUNT} frames ({lost[0]}-{lost[-1]})" in sentence
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_few_frames_are_read_as_they_are(count: int) -> None:
+    sequence = make_sequence(make_steps())
+    few = replace(sequence, timestamps_s=sequence.timestamps_s[:count])
+    odometry = read(few)
+    assert odometry.world_from_vehicle.shape == (count, 4, 4) and odometry.step_sigma.shape == (count - 1, 2)

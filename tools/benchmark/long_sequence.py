@@ -1,0 +1,71 @@
+"""Time the back-end over a long sequence, for ``benchmark.py``."""
+
+import multiprocessing
+import time
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+
+from asfm.backend.estimation.landmarks import describe_landmarks
+from asfm.backend.estimation.solution import solve_tracks
+from asfm.backend.graph.marginal_covariance import measure_uncertainty
+from asfm.backend.initialisation.initial_poses import start_from_odometry
+from asfm.config import Config
+from asfm.evaluation.pose_error_table import evaluate_sequence
+from asfm.simulation.track_simulation import make_floor
+from asfm.stages import peak_memory_mb
+from asfm.types import Trajectory
+from tools.benchmark.frontend import Number
+from tools.benchmark.runs import ATE
+
+BATCH_S, BATCH_MB = 120.0, 3000.0
+BATCH_FRAMES, BATCH_OBSERVATIONS, BATCH_VIEWS = 1000, 100, (10, 30)
+
+
+@dataclass(frozen=True)
+class Batch:
+    """What a long sequence takes from its tracks on."""
+
+    observations: int
+    rounds_s: tuple[float, ...]
+    """Of each round of solving."""
+    landmarks_s: float
+    peak_mb: float
+    """Largest resident memory of the process."""
+    ratio: float | None
+    """ATE / odometry's ATE."""
+
+
+def measure_batch(
+    frames: int = BATCH_FRAMES, observations: int = BATCH_OBSERVATIONS, views: tuple[int, int] = BATCH_VIEWS
+) -> Batch:
+    """Solve the tracks of a long sequence in as many rounds as a run does, and describe the landmarks."""
+    floor, config = make_floor(frames, observations, views, "transect", 5.0, navigation=True), Config()
+    start = start_from_odometry(floor.sequence, config)
+    assert start is not None
+    poses, rounds_s = start.world_from_vehicle, []
+    for _ in range(config.backend.rounds):
+        begin_s = time.perf_counter()
+        solution = solve_tracks(floor.tracks, floor.sequence, poses, start.sensors, config)
+        poses = solution.bundle.world_from_vehicle
+        rounds_s.append(time.perf_counter() - begin_s)
+    begin_s = time.perf_counter()
+    uncertainty = measure_uncertainty(solution.bundle, solution.relief)
+    describe_landmarks(solution, uncertainty.point_m2, floor.sequence, config)
+    landmarks_s = time.perf_counter() - begin_s
+    ratio = evaluate_sequence(floor.sequence, Trajectory(floor.sequence.timestamps_s, poses)).row(ATE).ratio
+    return Batch(len(floor.tracks), tuple(rounds_s), landmarks_s, peak_memory_mb(), ratio)
+
+
+def list_batch_numbers(frames: int = BATCH_FRAMES, observations: int = BATCH_OBSERVATIONS) -> Iterator[Number]:
+    """Measure a long sequence in a process of its own, whose memory is nobody else's."""
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        batch = pool.submit(measure_batch, frames, observations).result()
+    title = f"{frames:,} frames"
+    yield Number(f"{title}, observations of a frame", batch.observations / frames)
+    for number, wall_s in enumerate(batch.rounds_s, start=1):
+        yield Number(f"{title}, round {number}", wall_s, "s")
+    yield Number(f"{title}, landmarks", batch.landmarks_s, "s")
+    yield Number(f"{title}, in all", sum(batch.rounds_s) + batch.landmarks_s, "s", at_most=BATCH_S)
+    yield Number(f"{title}, peak memory", batch.peak_mb, "MB", at_most=BATCH_MB)
+    yield Number(f"{title}, ATE / odometry", batch.ratio)

@@ -1,0 +1,150 @@
+"""Time the back-end's adjustment against the same factors written in Python, for ``benchmark.py``."""
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import gtsam
+import numpy as np
+
+from asfm.backend.graph.bundle_adjustment import adjust_bundle
+from asfm.backend.graph.factors import (
+    UNKNOWN_ELEVATION_SIGMA,
+    bearing_factor,
+    cauchy,
+    range_factor,
+    sonar_from_beam,
+    step_factor,
+)
+from asfm.backend.graph.problem import FIRST_POINT, FIRST_POSE, BundleProblem
+from asfm.backend.initialisation.initial_poses import Start, start_from_odometry
+from asfm.config import Config
+from asfm.simulation.track_simulation import Floor, make_floor
+from asfm.types import FloatArray
+from tools.benchmark.frontend import Number
+
+FASTER, SAME_M = 20.0, 1e-4
+SMALL_FRAMES, SMALL_POINTS = 20, 100
+SETTLED = 1e-6
+"""Relative change of the cost at which either optimiser stops."""
+WIDE_RAD = 1.0
+"""Half an aperture that no point leaves: the beam's edge is not what is compared."""
+
+Factor = Callable[[int, int, float, float], Any]
+"""(pose's key, point's key, measured value, sigma) -> factor."""
+
+
+def compare_factors(frames: int = SMALL_FRAMES, points: int = SMALL_POINTS) -> Iterator[Number]:
+    """Solve the same graph from the same start by native factors and by factors in Python."""
+    floor = make_floor(frames, points, (max(frames // 2, 3), frames), "sway", 2.0, navigation=False)
+    start = start_from_odometry(floor.sequence, Config())
+    assert start is not None
+    lever_arm = gtsam.Pose3(floor.sequence.vehicle_from_sonar)
+    native: tuple[Factor, Factor] = (
+        lambda pose, point, value, sigma: bearing_factor(pose, point, value, sigma, lever_arm),
+        lambda pose, point, value, sigma: range_factor(pose, point, value, sigma, lever_arm),
+    )
+    python_s, expected = _time_graph(floor, start, (make_bearing_factor, make_range_factor))
+    native_s, poses = _time_graph(floor, start, native)
+    ours_s, ours = _time_adjustment(floor, start)
+    yield Number("observations of the small graph", float(len(floor.tracks)))
+    yield Number("factors in Python", python_s, "s")
+    yield Number("native factors", native_s, "s")
+    yield Number("native factors, faster", python_s / native_s, "times", at_least=FASTER)
+    yield Number("native factors, farthest pose from that optimum", _farthest(poses, expected), "m", at_most=SAME_M)
+    yield Number("adjust_bundle as a whole", ours_s, "s")
+    yield Number("adjust_bundle as a whole, faster", python_s / ours_s, "times")
+    yield Number("adjust_bundle as a whole, farthest pose from that optimum", _farthest(ours, expected), "m")
+
+
+def _time_graph(floor: Floor, start: Start, factors: tuple[Factor, Factor]) -> tuple[float, FloatArray]:
+    """Optimise by Levenberg-Marquardt: seconds without building the graph, and (N, 4, 4) poses."""
+    tracks, sensors = floor.tracks, start.sensors
+    assert tracks.sigma is not None
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    first = gtsam.noiseModel.Gaussian.Covariance(sensors.first_covariance)
+    graph.add(gtsam.PriorFactorPose3(FIRST_POSE, gtsam.Pose3(sensors.first_pose), first))
+    for index, step in enumerate(sensors.steps):
+        graph.add(step_factor(FIRST_POSE + index, FIRST_POSE + index + 1, step, *sensors.step_sigma[index].tolist()))
+    for index in range(len(tracks)):
+        pose, point = FIRST_POSE + int(tracks.frame[index]), FIRST_POINT + int(tracks.track[index])
+        range_sigma, bearing_sigma = tracks.sigma[index].tolist()
+        graph.add(factors[0](pose, point, float(tracks.bearing_rad[index]), bearing_sigma))
+        graph.add(factors[1](pose, point, float(tracks.range_m[index]), range_sigma))
+    for index, matrix in enumerate(start.world_from_vehicle):
+        values.insert(FIRST_POSE + index, gtsam.Pose3(matrix))
+    for index, xyz_m in enumerate(floor.xyz_m):
+        values.insert(FIRST_POINT + index, xyz_m)
+    parameters = gtsam.LevenbergMarquardtParams()
+    parameters.setRelativeErrorTol(SETTLED)
+    begin_s = time.perf_counter()
+    values = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
+    wall_s = time.perf_counter() - begin_s
+    return wall_s, np.stack([values.atPose3(FIRST_POSE + index).matrix() for index in range(len(floor.sequence))])
+
+
+def _time_adjustment(floor: Floor, start: Start) -> tuple[float, FloatArray]:
+    """Let the back-end adjust the same, building of its graph included: seconds, and (N, 4, 4) poses."""
+    assert floor.tracks.sigma is not None
+    problem = BundleProblem(
+        tracks=floor.tracks,
+        observed=np.ones(len(floor.tracks), dtype=bool),
+        sigma=floor.tracks.sigma,
+        sensors=start.sensors,
+        vehicle_from_sonar=floor.sequence.vehicle_from_sonar,
+        half_aperture_rad=WIDE_RAD,
+    )
+    begin_s = time.perf_counter()
+    bundle = adjust_bundle(problem, start.world_from_vehicle, floor.xyz_m, SETTLED)
+    return time.perf_counter() - begin_s, bundle.world_from_vehicle
+
+
+def _farthest(poses: FloatArray, expected: FloatArray) -> float:
+    return float(np.linalg.norm((poses - expected)[:, :3, 3], axis=1).max())
+
+
+def make_bearing_factor(pose_key: int, point_key: int, bearing_rad: float, sigma_rad: float) -> Any:
+    """Write :func:`asfm.backend.graph.factors.bearing_factor` without a lever arm as a factor in Python.
+
+    The error is (x, y) / z of the point in the beam's frame (x lateral, y vertical, z along the beam).
+    """
+    beam_from_sonar = sonar_from_beam(bearing_rad).matrix().T
+
+    def see(factor: Any, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
+        in_sonar_m, sonar_from_world = _enter_sonar(values, pose_key, point_key)
+        x, y, z = beam_from_sonar @ in_sonar_m
+        if jacobians is not None:
+            of_point = np.array([[1 / z, 0, -x / z**2], [0, 1 / z, -y / z**2]]) @ beam_from_sonar
+            jacobians[0] = of_point @ _move_with_pose(in_sonar_m)
+            jacobians[1] = of_point @ sonar_from_world
+        return np.array([x / z, y / z])
+
+    return gtsam.CustomFactor(cauchy(np.array([sigma_rad, UNKNOWN_ELEVATION_SIGMA])), [pose_key, point_key], see)
+
+
+def make_range_factor(pose_key: int, point_key: int, range_m: float, sigma_m: float) -> Any:
+    """Write :func:`asfm.backend.graph.factors.range_factor` without a lever arm as a factor in Python."""
+
+    def see(factor: Any, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
+        in_sonar_m, sonar_from_world = _enter_sonar(values, pose_key, point_key)
+        distance_m = np.sqrt(in_sonar_m @ in_sonar_m)
+        if jacobians is not None:
+            of_point = in_sonar_m[None] / distance_m
+            jacobians[0] = of_point @ _move_with_pose(in_sonar_m)
+            jacobians[1] = of_point @ sonar_from_world
+        return np.array([distance_m - range_m])
+
+    return gtsam.CustomFactor(cauchy(np.array([sigma_m])), [pose_key, point_key], see)
+
+
+def _enter_sonar(values: gtsam.Values, pose_key: int, point_key: int) -> tuple[FloatArray, FloatArray]:
+    """Bring a point into the frame of a pose: (3,) point and (3, 3) rotation from the world."""
+    pose = values.atPose3(pose_key)
+    rotation = pose.rotation().matrix().T
+    return rotation @ (values.atPoint3(point_key) - pose.translation()), rotation
+
+
+def _move_with_pose(in_sonar_m: FloatArray) -> FloatArray:
+    """Derive a point in the frame of a pose by the pose (rotation, translation in its own frame): (3, 6)."""
+    x, y, z = in_sonar_m
+    return np.array([[0, -z, y, -1, 0, 0], [z, 0, -x, 0, -1, 0], [-y, x, 0, 0, 0, -1]], dtype=float)

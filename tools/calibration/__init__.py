@@ -1,0 +1,1 @@
+"""Calibration of the simulator from recordings."""
