@@ -45,7 +45,7 @@ class CfarConfig(Section):
         return self
 
 
-class ClustersConfig(Section):
+class DbscanConfig(Section):
     """DBSCAN on the detected pixels: lone detections are noise."""
 
     radius_px: float = Field(default=3.0, gt=0)
@@ -208,7 +208,7 @@ class Config(Section):
     seed: int = Field(default=0, ge=0)
     mode: Literal["batch"] = "batch"
     cfar: CfarConfig = CfarConfig()
-    clusters: ClustersConfig = ClustersConfig()
+    clusters: DbscanConfig = DbscanConfig()
     keypoints: KeypointsConfig = KeypointsConfig()
     matching: MatchingConfig = MatchingConfig()
     ssl: SslConfig = SslConfig()

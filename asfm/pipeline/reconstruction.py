@@ -20,7 +20,7 @@ from asfm.backend.initialisation.initial_poses import (
     start_from_tracks,
 )
 from asfm.config import Config
-from asfm.frontend.denoising.echo_mask import detect_mask
+from asfm.frontend.denoising.echo_mask import detect_echo_mask
 from asfm.frontend.features.keypoints import cut_squares, detect_keypoints
 from asfm.frontend.matching.external_matches import Correspondences, judge_correspondences
 from asfm.frontend.matching.pair_matching import match_with_previous
@@ -90,7 +90,7 @@ def extract(
     """Turn images into keypoints, and pairs of frames into candidate matches. Two images are in memory at a time."""
 
     def look(frame: Frame) -> tuple[Frame, BoolArray, Keypoints]:
-        mask = detect_mask(frame, config)
+        mask = detect_echo_mask(frame, config)
         if given is None:
             return frame, mask, detect_keypoints(frame, mask, sequence.sonar, config)
         return frame, mask, cut_squares(frame, given.keypoints[frame.index], sequence.sonar, config)

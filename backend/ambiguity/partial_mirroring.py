@@ -2,7 +2,8 @@
 
 A scene and its mirror image look the same to the sonar (see :mod:`asfm.backend.ambiguity.mirror_ambiguity`). Where for
 some frames the motion hardly tells elevations, an optimisation that has begun with one image can go on with the
-other. The two parts then fit as well as ever, and only what spans the twist fits a little worse: a local optimum that no small step leaves.
+other. The two parts then fit as well as ever, and only what spans the twist fits a little worse: a local optimum that
+no small step leaves.
 """
 
 import numpy as np

@@ -12,17 +12,17 @@ from numpy.typing import NDArray
 
 from asfm.config import CfarConfig
 from asfm.errors import AsfmError
-from asfm.frontend.denoising.cfar_factors import average_factors, look_up_halves, order_factors, order_ranks
+from asfm.frontend.denoising.cfar_factors import ca_factors, lookup_goca_soca_factors, order_ranks, os_factors
 from asfm.frontend.denoising.cfar_windows import (
     HalfSize,
     clip_half,
-    count_halves,
-    count_ring,
+    count_leading_lagging,
+    count_reference_cells,
     count_ring_below,
-    sum_halves,
-    sum_ring,
+    sum_leading_lagging,
+    sum_reference_cells,
 )
-from asfm.frontend.denoising.weibull import make_exponential
+from asfm.frontend.denoising.weibull import transform_to_exponential
 from asfm.types import BoolArray, FloatArray
 
 Power = NDArray[np.float32]
@@ -80,54 +80,54 @@ def _detect_of_shape(values: Power, usable: BoolArray, config: CfarConfig) -> Bo
     floor = (values if everywhere else np.where(usable, values, np.float32(np.inf))).min()
     above = values > floor if everywhere else usable & (values > floor)
     if np.count_nonzero(above) > (1 - MIN_FLOOR_SHARE) * np.count_nonzero(usable):
-        return np.asarray(_exceeds(make_exponential(values, usable), usable, config, None) & usable)
-    relief = _relieve(above, usable, config)
-    detected = _exceeds(make_exponential(values, above), above, config, relief) | (relief <= 0)
+        return np.asarray(_exceeds(transform_to_exponential(values, usable), usable, config, None) & usable)
+    correction = _censoring_correction(above, usable, config)
+    detected = _exceeds(transform_to_exponential(values, above), above, config, correction) | (correction <= 0)
     return np.asarray(detected & above)
 
 
-def _relieve(above: BoolArray, usable: BoolArray, config: CfarConfig) -> Power:
+def _censoring_correction(above: BoolArray, usable: BoolArray, config: CfarConfig) -> Power:
     """Find what the factors shrink to where only the share q of the reference cells is above the floor. (R, B).
 
     The asked probability P is that of a cell of any value, so among those above the floor it is P / q. Factors grow as
     its logarithm, but for few cells. Where q is P or less, every cell above the floor is rare enough.
     """
-    counts = [count_ring(mask, config.reference_px, config.guard_px) for mask in (above, usable)]
+    counts = [count_reference_cells(mask, config.reference_px, config.guard_px) for mask in (above, usable)]
     with np.errstate(divide="ignore", invalid="ignore"):
         logarithm = np.log(np.arange(counts[1].max() + 1)).astype(np.float32)
         logarithm[0] = -np.inf
         share = logarithm.take(counts[0]) - logarithm.take(counts[1])
-    relief = np.maximum(1 - share / np.float32(math.log(config.false_alarm_probability)), 0)
-    return np.where(counts[1] > 0, relief, np.float32(1))
+    correction = np.maximum(1 - share / np.float32(math.log(config.false_alarm_probability)), 0)
+    return np.where(counts[1] > 0, correction, np.float32(1))
 
 
-def _exceeds(power: Power, usable: BoolArray, config: CfarConfig, relief: Power | None) -> BoolArray:
-    """Compare exponential power with factor * statistic, the factor times the relief where there is one."""
+def _exceeds(power: Power, usable: BoolArray, config: CfarConfig, correction: Power | None) -> BoolArray:
+    """Compare exponential power with factor * statistic, the factor times the correction where there is one."""
     # Without reference cells the factor is infinite and the statistic zero: their product compares false.
     with np.errstate(invalid="ignore", divide="ignore"):
         if config.method == "ca":
-            return _exceeds_average(power, usable, config, relief)
+            return _exceeds_ca(power, usable, config, correction)
         if config.method == "os":
-            return _exceeds_order(power, usable, config, relief)
-        return _exceeds_halves(power, usable, config, relief)
+            return _exceeds_os(power, usable, config, correction)
+        return _exceeds_goca_soca(power, usable, config, correction)
 
 
-def _exceeds_average(power: Power, usable: BoolArray, config: CfarConfig, relief: Power | None) -> BoolArray:
-    total = sum_ring(power, config.reference_px, config.guard_px)
+def _exceeds_ca(power: Power, usable: BoolArray, config: CfarConfig, correction: Power | None) -> BoolArray:
+    total = sum_reference_cells(power, config.reference_px, config.guard_px)
     (weight,) = _weigh(usable, config)
     limit = np.multiply(_not_negative(total), weight, out=total)
-    if relief is not None:
-        limit *= relief
+    if correction is not None:
+        limit *= correction
     return np.asarray(power > limit)
 
 
-def _exceeds_halves(power: Power, usable: BoolArray, config: CfarConfig, relief: Power | None) -> BoolArray:
-    sums = sum_halves(power, config.reference_px, config.guard_px)  # both may share memory
+def _exceeds_goca_soca(power: Power, usable: BoolArray, config: CfarConfig, correction: Power | None) -> BoolArray:
+    sums = sum_leading_lagging(power, config.reference_px, config.guard_px)  # both may share memory
     before, behind = (_not_negative(total) * weight for total, weight in zip(sums, _weigh(usable, config), strict=True))
     # A half without cells has no number: the smaller one is the other.
     limit = (np.maximum if config.method == "goca" else np.fmin)(before, behind)
-    if relief is not None:
-        limit *= relief
+    if correction is not None:
+        limit *= correction
     return np.asarray(power > limit)
 
 
@@ -156,24 +156,24 @@ def _weigh_counts(
     usable: BoolArray, method: str, reference_px: HalfSize, guard_px: HalfSize, probability: float
 ) -> tuple[FloatArray, ...]:
     if method == "ca":
-        count = count_ring(usable, reference_px, guard_px)
+        count = count_reference_cells(usable, reference_px, guard_px)
         counts = np.arange(count.max() + 1)
-        return (np.asarray((average_factors(counts, probability) / np.maximum(counts, 1)).take(count)),)
-    halves = count_halves(usable, reference_px, guard_px)
+        return (np.asarray((ca_factors(counts, probability) / np.maximum(counts, 1)).take(count)),)
+    halves = count_leading_lagging(usable, reference_px, guard_px)
     rows, columns = clip_half(reference_px, usable.shape)
     greatest = method == "goca"
-    factor = look_up_halves(*halves, rows * (2 * columns + 1), probability, greatest)
+    factor = lookup_goca_soca_factors(*halves, rows * (2 * columns + 1), probability, greatest)
     # Without cells the one half leaves the choice to the other, and both, of infinite factor, detect nothing.
     empty = np.where(np.isinf(factor), np.inf, 0.0) if greatest else np.inf
     return tuple(np.where(count > 0, factor / np.maximum(count, 1), empty) for count in halves)
 
 
-def _exceeds_order(power: Power, usable: BoolArray, config: CfarConfig, relief: Power | None) -> BoolArray:
-    count = count_ring(usable, config.reference_px, config.guard_px)
+def _exceeds_os(power: Power, usable: BoolArray, config: CfarConfig, correction: Power | None) -> BoolArray:
+    count = count_reference_cells(usable, config.reference_px, config.guard_px)
     counts = np.arange(count.max() + 1)
-    factor = order_factors(counts, config.false_alarm_probability, config.order_fraction).take(count)
-    if relief is not None:
-        factor *= relief
+    factor = os_factors(counts, config.false_alarm_probability, config.order_fraction).take(count)
+    if correction is not None:
+        factor *= correction
     # The cell of rank k lies below the limit where k cells do: nothing has to be sorted.
     limit = (power / factor).astype(np.float32)
     reference = power if usable.all() else np.where(usable, power, np.float32(np.inf))

@@ -19,7 +19,7 @@ LOG_TOLERANCE = 1e-8
 """Relative error of the probability at which a factor is good enough."""
 
 
-def average_factors(count: IntArray, probability: float) -> FloatArray:
+def ca_factors(count: IntArray, probability: float) -> FloatArray:
     """Factors of the mean of (N,) counts of cells, n (P^(-1/n) - 1); infinite for no cells. (N,)."""
     factors = np.full(len(count), np.inf)
     some = count[count > 0]
@@ -32,7 +32,7 @@ def order_ranks(count: IntArray, order_fraction: float) -> IntArray:
     return np.asarray(np.clip(np.ceil(order_fraction * count - 1e-9).astype(np.int64), 1, np.maximum(count, 1)))
 
 
-def order_factors(count: IntArray, probability: float, order_fraction: float) -> FloatArray:
+def os_factors(count: IntArray, probability: float, order_fraction: float) -> FloatArray:
     """Factors of the k-th smallest of (N,) counts of cells, k from :func:`order_ranks`; infinite for no cells. (N,).
 
     The probability is the product over i = 0..k-1 of (n - i) / (n - i + factor), a ratio of two beta functions. Were
@@ -52,42 +52,42 @@ def order_factors(count: IntArray, probability: float, order_fraction: float) ->
     return factors
 
 
-def halves_factors(count_a: IntArray, count_b: IntArray, probability: float, greatest: bool) -> FloatArray:
+def goca_soca_factors(count_a: IntArray, count_b: IntArray, probability: float, greatest: bool) -> FloatArray:
     """Factors of the greater (or the smaller) of the means of two halves with (N,) cells each. (N,).
 
     Where a half has no cells the other one stands alone; where both have none the factor is infinite. The halves' own
     factors bracket the root: the greater mean needs no larger a factor than either half, and no smaller a one than the
     sum of both; the smaller mean no smaller a one than either, and no larger a one than P shared out between them.
     """
-    factors = average_factors(np.maximum(count_a, count_b), probability)
+    factors = ca_factors(np.maximum(count_a, count_b), probability)
     both = (count_a > 0) & (count_b > 0)
     a, b = count_a[both], count_b[both]
     if greatest:
-        low, high = (np.minimum(average_factors(a, p), average_factors(b, p)) for p in (probability**0.5, probability))
+        low, high = (np.minimum(ca_factors(a, p), ca_factors(b, p)) for p in (probability**0.5, probability))
     else:
-        low, high = (np.maximum(average_factors(a, p), average_factors(b, p)) for p in (probability, probability / 2))
+        low, high = (np.maximum(ca_factors(a, p), ca_factors(b, p)) for p in (probability, probability / 2))
     factors[both] = _solve(
         lambda factor: np.log(halves_probability(factor, a, b, greatest)), np.log(probability), low, high
     )
     return factors
 
 
-def look_up_halves(
+def lookup_goca_soca_factors(
     count_a: NDArray[np.integer], count_b: NDArray[np.integer], largest: int, probability: float, greatest: bool
 ) -> FloatArray:
-    """Find :func:`halves_factors` for (R, B) counts up to ``largest``, solving each pair of counts once. (R, B)."""
+    """Find :func:`goca_soca_factors` for (R, B) counts up to ``largest``, solving each pair of counts once. (R, B)."""
     side = largest + 1
     pair = np.multiply(count_a, side, dtype=np.intp) + count_b
     if side * side > LARGEST_TABLE:
         pairs, position = np.unique(pair, return_inverse=True)
-        return halves_factors(pairs // side, pairs % side, probability, greatest).take(position.reshape(pair.shape))
+        return goca_soca_factors(pairs // side, pairs % side, probability, greatest).take(position.reshape(pair.shape))
     table = _table(side, probability, greatest)
     factors = table.take(pair)
     if np.isnan(factors).any():
         wanted = np.zeros(side * side, dtype=bool)
         wanted[pair[np.isnan(factors)]] = True
         pairs = np.flatnonzero(wanted)
-        table[pairs] = halves_factors(pairs // side, pairs % side, probability, greatest)
+        table[pairs] = goca_soca_factors(pairs // side, pairs % side, probability, greatest)
         factors = table.take(pair)
     return np.asarray(factors)
 

@@ -19,7 +19,7 @@ BLOCK_PIXELS = 32768
 NumberArray = NDArray[Any]
 
 
-def sum_ring(image: NumberArray, reference_px: HalfSize, guard_px: HalfSize) -> NumberArray:
+def sum_reference_cells(image: NumberArray, reference_px: HalfSize, guard_px: HalfSize) -> NumberArray:
     """Sum an image over the ring around each pixel.
 
     Args:
@@ -34,10 +34,13 @@ def sum_ring(image: NumberArray, reference_px: HalfSize, guard_px: HalfSize) -> 
     return np.asarray(np.subtract(outer, inner, out=outer))
 
 
-def sum_halves(image: NumberArray, reference_px: HalfSize, guard_px: HalfSize) -> tuple[NumberArray, NumberArray]:
+def sum_leading_lagging(
+    image: NumberArray, reference_px: HalfSize, guard_px: HalfSize
+) -> tuple[NumberArray, NumberArray]:
     """Sum an image over the rows of the ring before each pixel, and over those behind it.
 
-    The pixel's own row belongs to neither half. Arguments and results (two of them) are those of :func:`sum_ring`.
+    The pixel's own row belongs to neither half. Arguments and results (two of them) are those of
+    :func:`sum_reference_cells`.
     """
     reference_px, guard_px = clip_half(reference_px, image.shape), clip_half(guard_px, image.shape)
     depth = reference_px[0]
@@ -53,10 +56,10 @@ def sum_halves(image: NumberArray, reference_px: HalfSize, guard_px: HalfSize) -
     return before - inner[depth - guard_px[0] :][: len(image)], behind - inner[depth + 1 :][: len(image)]
 
 
-def count_ring(mask: BoolArray, reference_px: HalfSize, guard_px: HalfSize) -> NDArray[np.intp]:
-    """Count the pixels of a mask in the ring around each pixel: :func:`sum_ring`, at once where the mask is full."""
+def count_reference_cells(mask: BoolArray, reference_px: HalfSize, guard_px: HalfSize) -> NDArray[np.intp]:
+    """Count the mask's pixels in the ring around each pixel: :func:`sum_reference_cells`, at once if the mask is full."""
     if not mask.all():
-        return np.asarray(sum_ring(as_counts(mask), reference_px, guard_px), dtype=np.intp)
+        return np.asarray(sum_reference_cells(as_counts(mask), reference_px, guard_px), dtype=np.intp)
     outer, inner = (
         np.outer(*(_count_line(length, half, half) for length, half in zip(mask.shape, half_px, strict=True)))
         for half_px in (reference_px, guard_px)
@@ -64,10 +67,12 @@ def count_ring(mask: BoolArray, reference_px: HalfSize, guard_px: HalfSize) -> N
     return np.asarray(np.subtract(outer, inner, out=outer))
 
 
-def count_halves(mask: BoolArray, reference_px: HalfSize, guard_px: HalfSize) -> tuple[NumberArray, NumberArray]:
-    """Count the pixels of a mask in the ring's rows before and behind: :func:`sum_halves`, at once where it is full."""
+def count_leading_lagging(
+    mask: BoolArray, reference_px: HalfSize, guard_px: HalfSize
+) -> tuple[NumberArray, NumberArray]:
+    """Count the mask's pixels in the rows before and behind: :func:`sum_leading_lagging`, at once if the mask is full."""
     if not mask.all():
-        return sum_halves(as_counts(mask), reference_px, guard_px)
+        return sum_leading_lagging(as_counts(mask), reference_px, guard_px)
     columns = [_count_line(mask.shape[1], half[1], half[1]) for half in (reference_px, guard_px)]
     before = [_count_line(len(mask), half[0], -1) for half in (reference_px, guard_px)]
     outer, inner = (np.outer(*lines) for lines in zip(before, columns, strict=True))

@@ -8,14 +8,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from asfm.config import ClustersConfig
+from asfm.config import DbscanConfig
 from asfm.errors import AsfmError
 from asfm.types import BoolArray, IntArray
 
 Disc = NDArray[np.uint8]
 
 
-def keep_clusters(detections: BoolArray, config: ClustersConfig) -> BoolArray:
+def dbscan_mask(detections: BoolArray, config: DbscanConfig) -> BoolArray:
     """Remove the detections that DBSCAN calls noise.
 
     A detection is a core where ``min_pixels`` detections, itself included, lie within ``radius_px``; it stays where a
@@ -38,7 +38,7 @@ def keep_clusters(detections: BoolArray, config: ClustersConfig) -> BoolArray:
     return np.asarray(cv2.dilate(cores.view(np.uint8), disc).view(np.bool_) & detections)
 
 
-def label_clusters(detections: BoolArray, config: ClustersConfig) -> IntArray:
+def dbscan_labels(detections: BoolArray, config: DbscanConfig) -> IntArray:
     """Number the clusters of the detections: 0, 1, 2 ... by their first core in reading order, -1 elsewhere.
 
     Cores within ``radius_px`` of each other share a cluster. Any other detection takes the first cluster with a core

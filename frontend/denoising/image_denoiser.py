@@ -5,8 +5,8 @@ import numpy as np
 from scipy.special import gamma, gammainc
 
 from asfm.config import Config
-from asfm.frontend.denoising.dbscan import keep_clusters
-from asfm.frontend.denoising.echo_mask import detect_mask
+from asfm.frontend.denoising.dbscan import dbscan_mask
+from asfm.frontend.denoising.echo_mask import detect_echo_mask
 from asfm.frontend.denoising.noise_model import ECHO_SIGMA_PX, ImageNoise, estimate_noise, smooth_echoes
 from asfm.frontend.denoising.wavelet_shrinkage import shrink_noise
 from asfm.types import BoolArray, FloatArray, Frame, ImageArray
@@ -20,10 +20,10 @@ DARKEST = 1e-12
 
 def mask_image(frame: Frame, config: Config) -> ImageArray:
     """Set to zero what is outside the mask of CFAR and DBSCAN, as the paper does. (ranges, beams) in 0..1."""
-    return np.where(detect_mask(frame, config) & np.isfinite(frame.image), frame.image, np.float32(0))
+    return np.where(detect_echo_mask(frame, config) & np.isfinite(frame.image), frame.image, np.float32(0))
 
 
-def clean_image(frame: Frame, config: Config) -> ImageArray:
+def denoise_image(frame: Frame, config: Config) -> ImageArray:
     """Estimate the image without noise.
 
     CFAR compares a pixel with its surroundings and so loses the inside of wide echoes; here the mask also holds what
@@ -39,9 +39,9 @@ def clean_image(frame: Frame, config: Config) -> ImageArray:
     image = _fill_gaps(amplitude, valid)
     noise = estimate_noise(image, valid)
     smooth = smooth_echoes(image)
-    mask = keep_clusters((smooth > _find_limit(noise)) & valid, config.clusters)
+    mask = dbscan_mask((smooth > _find_limit(noise)) & valid, config.clusters)
     mask = cv2.dilate(mask.view(np.uint8), np.ones((2 * EDGE_PX + 1, 2 * EDGE_PX + 1), np.uint8)).view(bool)
-    mask = (mask | detect_mask(frame, config)) & valid
+    mask = (mask | detect_echo_mask(frame, config)) & valid
     calm = shrink_noise(image, smooth - noise.floor, noise) - noise.floor
     cleaned = np.where(mask, _undo_saturation(np.clip(calm, 0, 1), noise.contrast), 0)
     return _rescale(np.asarray(cleaned, dtype=np.float32), mask, frame.decibel_span)

@@ -28,7 +28,7 @@ nothing is smaller, for numbers that end up near the least of all are slow to co
 Image = NDArray[np.float32]
 
 
-def make_exponential(image: Image, usable: BoolArray) -> Image:
+def transform_to_exponential(image: Image, usable: BoolArray) -> Image:
     """Raise an image of Weibull noise to the power that makes the noise exponential, of a mean near 1.
 
     Args:
@@ -46,7 +46,7 @@ def make_exponential(image: Image, usable: BoolArray) -> Image:
     if typical <= 0:
         return np.zeros(image.shape, dtype=np.float32)
     scaled *= np.float32(1 / typical)
-    shape = estimate_shape(scaled, usable)
+    shape = estimate_weibull_shape(scaled, usable)
     least, largest = (np.float32(power ** (1 / shape)) for power in POWERS)
     np.minimum(np.maximum(scaled, least, out=scaled), largest, out=scaled)
     power = cv2.pow(scaled, shape, dst=scaled)
@@ -63,7 +63,7 @@ def _find_typical(image: Image, usable: BoolArray) -> float:
     return float(image.sum(dtype=np.float64)) / max(int(np.count_nonzero(usable)), 1)
 
 
-def estimate_shape(image: Image, usable: BoolArray) -> float:
+def estimate_weibull_shape(image: Image, usable: BoolArray) -> float:
     """Estimate the shape of the noise: the commonest contrast of small tiles.
 
     The squared contrast of a tile, variance over squared mean, is gamma(1 + 2/shape) / gamma(1 + 1/shape)^2 - 1 where

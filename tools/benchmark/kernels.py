@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from asfm.config import CfarConfig, ClustersConfig, SslConfig
+from asfm.config import CfarConfig, DbscanConfig, SslConfig
 from asfm.types import BoolArray, ImageArray
 
 Array = NDArray[Any]
@@ -73,7 +73,7 @@ def compare_halves(shape: tuple[int, int], seed: int, greatest: bool) -> Compari
     """CFAR of the greater or the smaller half against SciPy's convolution by FFT, with our factors."""
     from scipy.signal import fftconvolve
 
-    from asfm.frontend.denoising.cfar_factors import look_up_halves
+    from asfm.frontend.denoising.cfar_factors import lookup_goca_soca_factors
 
     config = CfarConfig.model_validate({"method": "goca" if greatest else "soca"})
     image, (rows, columns) = make_speckle(shape, seed), config.reference_px
@@ -86,7 +86,7 @@ def compare_halves(shape: tuple[int, int], seed: int, greatest: bool) -> Compari
         sums = [fftconvolve(power, half, mode="same") for half in halves]
         counts = [np.rint(fftconvolve(np.ones(shape), half, mode="same")).astype(int) for half in halves]
         largest = rows * (2 * columns + 1)
-        factor = look_up_halves(counts[0], counts[1], largest, config.false_alarm_probability, greatest)
+        factor = lookup_goca_soca_factors(counts[0], counts[1], largest, config.false_alarm_probability, greatest)
         empty = 0.0 if greatest else np.inf
         means = [np.where(n > 0, total / np.maximum(n, 1), empty) for total, n in zip(sums, counts, strict=True)]
         return np.asarray(power > factor * (np.maximum(*means) if greatest else np.minimum(*means)))
@@ -100,20 +100,20 @@ def compare_order(shape: tuple[int, int], seed: int) -> Comparison:
     from scipy.ndimage import rank_filter
 
     from asfm.frontend.denoising.cfar import detect_cfar
-    from asfm.frontend.denoising.cfar_factors import order_factors, order_ranks
-    from asfm.frontend.denoising.cfar_windows import count_ring
+    from asfm.frontend.denoising.cfar_factors import order_ranks, os_factors
+    from asfm.frontend.denoising.cfar_windows import count_reference_cells
 
     config = CfarConfig(method="os")
     image, ring = make_speckle(shape, seed), _make_ring(config)
     everywhere = np.ones(shape, dtype=bool)
     whole = np.array([ring.sum()])
     # At the border ranks differ from pixel to pixel, where SciPy has one for all: it is left out.
-    inside = count_ring(everywhere, config.reference_px, config.guard_px) == whole
+    inside = count_reference_cells(everywhere, config.reference_px, config.guard_px) == whole
 
     def with_scipy() -> Array:
         power = image.astype(float) ** 2
         rank = int(order_ranks(whole, config.order_fraction)[0])
-        factor = float(order_factors(whole, config.false_alarm_probability, config.order_fraction)[0])
+        factor = float(os_factors(whole, config.false_alarm_probability, config.order_fraction)[0])
         statistic = rank_filter(power, rank=rank - 1, footprint=ring, mode="constant", cval=np.inf)
         return np.asarray((power > factor * statistic) & inside)
 
@@ -128,9 +128,9 @@ def compare_clusters(shape: tuple[int, int], seed: int, labels: bool = False) ->
     """DBSCAN on the grid, noise alone or all labels, against scikit-learn's on the coordinates of a tenth of pixels."""
     from sklearn.cluster import DBSCAN
 
-    from asfm.frontend.denoising.dbscan import keep_clusters, label_clusters
+    from asfm.frontend.denoising.dbscan import dbscan_labels, dbscan_mask
 
-    image, config = make_speckle(shape, seed), ClustersConfig()
+    image, config = make_speckle(shape, seed), DbscanConfig()
     detections = np.asarray(image > np.quantile(image, 0.9))
 
     def with_sklearn() -> Array:
@@ -139,7 +139,7 @@ def compare_clusters(shape: tuple[int, int], seed: int, labels: bool = False) ->
         found[tuple(where.T)] = DBSCAN(eps=config.radius_px, min_samples=config.min_pixels).fit_predict(where)
         return found if labels else np.asarray(found >= 0)
 
-    ours: Callable[..., Array] = label_clusters if labels else keep_clusters
+    ours: Callable[..., Array] = dbscan_labels if labels else dbscan_mask
     title = f"DBSCAN {'labels' if labels else 'noise'} of {detections.sum()} pixels, {shape[0]} x {shape[1]}"
     return Comparison(title, partial(ours, detections, config), {"scikit-learn DBSCAN": with_sklearn}, 0.0)
 

@@ -1,12 +1,13 @@
 """Fit the simulator's background noise to recorded pings of empty water.
 
 Run as ``python -m tools.calibration.fit_noise SEQUENCE``, where SEQUENCE is a sequence of any format, or a bare
-folder of 8- or 16-bit grey PNGs (rows are ranges) with ``--range NEAR FAR``. Prints the values for ImagingSonar (AddSigma, near_sigma,
-near_exponent, threshold, azimuth_edge_db) and how far the fitted distribution is from the recorded one (Kolmogorov's
-distance, over all pixels and by zones of range).
+folder of 8- or 16-bit grey PNGs (rows are ranges) with ``--range NEAR FAR``. Prints the values for ImagingSonar
+(AddSigma, near_sigma, near_exponent, threshold, azimuth_edge_db) and how far the
+fitted distribution is from the recorded one (Kolmogorov's distance, over all pixels and by zones of range).
 
 The model is the simulator's own (asfm/simulation/acoustics/receiver.py): Rayleigh noise whose power is the
-receiver's plus the water's reverberation, which falls with range and off the axis; the sonar takes a threshold off and cuts what is below.
+receiver's plus the water's reverberation, which falls with range and off the axis; the
+sonar takes a threshold off and cuts what is below.
 Maximum likelihood over counts, so that the pile of zeros below the threshold counts as what it is. Speckle cannot be
 seen in empty water: MultSigma is not fitted.
 """

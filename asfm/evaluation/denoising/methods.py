@@ -14,7 +14,7 @@ import numpy as np
 from skimage.restoration import denoise_tv_chambolle, denoise_wavelet, estimate_sigma
 
 from asfm.config import Config
-from asfm.frontend.denoising.image_denoiser import clean_image, mask_image
+from asfm.frontend.denoising.image_denoiser import denoise_image, mask_image
 from asfm.types import Frame, ImageArray
 
 Denoiser = Callable[[Frame, Config], ImageArray]
@@ -75,7 +75,7 @@ DENOISERS: dict[str, Denoiser] = {
     "non-local means": denoise_by_nonlocal_means,
     "total variation": denoise_by_total_variation,
     MASK: mask_image,
-    OURS: clean_image,
+    OURS: denoise_image,
 }
 """By the names under which they are printed; ``mask alone`` is the paper's: CFAR, DBSCAN, zero elsewhere."""
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from asfm.config import CfarConfig
 from asfm.errors import AsfmError
 from asfm.frontend.denoising.cfar import detect_cfar
-from asfm.frontend.denoising.cfar_factors import halves_factors, order_factors, order_ranks
+from asfm.frontend.denoising.cfar_factors import goca_soca_factors, order_ranks, os_factors
 from asfm.types import BoolArray, ImageArray
 
 CONFIG = CfarConfig(false_alarm_probability=1e-2, guard_px=(4, 4), reference_px=(16, 12))
@@ -41,7 +41,7 @@ def reference_cells(image: ImageArray, valid: BoolArray, config: CfarConfig, cel
     return cells
 
 
-def relieve(cells: int, above_floor: int, probability: float) -> float:
+def censoring_correction(cells: int, above_floor: int, probability: float) -> float:
     """What factors shrink to where of so many cells so many are above the floor."""
     if not cells or not above_floor:
         return float(not cells)
@@ -58,10 +58,10 @@ def threshold(cells: list[tuple[int, float]], method: Method, probability: float
     if method == "ca":
         return float(probability ** (-1 / n) - 1) * sum(powers)
     if method == "os":
-        factor, rank = order_factors(np.array([n]), probability, 0.75), int(order_ranks(np.array([n]), 0.75)[0])
+        factor, rank = os_factors(np.array([n]), probability, 0.75), int(order_ranks(np.array([n]), 0.75)[0])
         return float(factor[0]) * powers[rank - 1]
     before, behind = (np.array([sum(i * sign > 0 for i, _ in cells)]) for sign in (-1, 1))
-    factor = halves_factors(before, behind, probability, method == "goca")
+    factor = goca_soca_factors(before, behind, probability, method == "goca")
     choose = max if method == "goca" else min
     return float(factor[0]) * choose(sum(half) / len(half) for half in halves)
 
@@ -110,8 +110,8 @@ def test_detections_are_those_of_a_plain_loop(
     expected = np.zeros(shape, dtype=bool)
     for cell in np.ndindex(shape):
         cells = reference_cells(image, above, config, cell)
-        relief = relieve(len(reference_cells(image, valid, config, cell)), len(cells), probability)
-        limit = relief * threshold(cells, method, probability) if relief else 0.0
+        correction = censoring_correction(len(reference_cells(image, valid, config, cell)), len(cells), probability)
+        limit = correction * threshold(cells, method, probability) if correction else 0.0
         expected[cell] = above[cell] and float(image[cell]) ** 2 > limit
     np.testing.assert_array_equal(detect_cfar(image, valid, config), expected)
 

@@ -6,11 +6,11 @@ from scipy.integrate import quad
 from scipy.stats import gamma
 
 from asfm.frontend.denoising.cfar_factors import (
-    average_factors,
-    halves_factors,
-    look_up_halves,
-    order_factors,
+    ca_factors,
+    goca_soca_factors,
+    lookup_goca_soca_factors,
     order_ranks,
+    os_factors,
 )
 
 PROBABILITIES = [0.9, 1e-1, 1e-3, 1e-6]
@@ -19,7 +19,7 @@ PROBABILITIES = [0.9, 1e-1, 1e-3, 1e-6]
 @pytest.mark.parametrize("probability", PROBABILITIES)
 def test_average_is_exceeded_with_the_asked_probability(probability: float) -> None:
     counts = np.array([1, 2, 17, 744])
-    factors = average_factors(counts, probability)
+    factors = ca_factors(counts, probability)
     np.testing.assert_allclose((1 + factors / counts) ** -counts.astype(float), probability, rtol=1e-9)
 
 
@@ -27,7 +27,7 @@ def test_average_is_exceeded_with_the_asked_probability(probability: float) -> N
 @pytest.mark.parametrize("probability", PROBABILITIES)
 def test_halves_are_exceeded_with_the_asked_probability(probability: float, greatest: bool) -> None:
     a, b = np.array([[1, 1], [1, 9], [3, 4], [12, 12], [364, 364], [364, 5]]).T
-    for n, m, factor in zip(a, b, halves_factors(a, b, probability, greatest), strict=True):
+    for n, m, factor in zip(a, b, goca_soca_factors(a, b, probability, greatest), strict=True):
         assert integrate_halves(float(factor), n, m, greatest) == pytest.approx(probability, rel=1e-5)
 
 
@@ -47,9 +47,9 @@ def integrate_halves(factor: float, count_a: int, count_b: int, greatest: bool) 
 def test_a_half_without_cells_leaves_the_other_alone() -> None:
     none, some = np.array([0, 0, 5]), np.array([0, 7, 0])
     for greatest in (True, False):
-        expected = average_factors(np.array([0, 7, 5]), 1e-2)
-        np.testing.assert_array_equal(halves_factors(none, some, 1e-2, greatest), expected)
-    assert np.isinf(halves_factors(none, some, 1e-2, True)[0])
+        expected = ca_factors(np.array([0, 7, 5]), 1e-2)
+        np.testing.assert_array_equal(goca_soca_factors(none, some, 1e-2, greatest), expected)
+    assert np.isinf(goca_soca_factors(none, some, 1e-2, True)[0])
 
 
 @pytest.mark.parametrize("largest", [40, 5000])
@@ -57,19 +57,19 @@ def test_look_up_is_the_solution_whatever_was_asked_before(largest: int) -> None
     rng = np.random.default_rng(0)
     for _ in range(3):
         a, b = rng.integers(0, 40, (2, 12, 13), dtype=np.int32)
-        expected = halves_factors(a.ravel(), b.ravel(), 1e-3, False).reshape(a.shape)
-        np.testing.assert_allclose(look_up_halves(a, b, largest, 1e-3, False), expected, rtol=1e-8)
+        expected = goca_soca_factors(a.ravel(), b.ravel(), 1e-3, False).reshape(a.shape)
+        np.testing.assert_allclose(lookup_goca_soca_factors(a, b, largest, 1e-3, False), expected, rtol=1e-8)
 
 
 @pytest.mark.parametrize("order_fraction", [0.01, 0.5, 0.75, 1.0])
 @pytest.mark.parametrize("probability", PROBABILITIES)
 def test_ordered_cell_is_exceeded_with_the_asked_probability(probability: float, order_fraction: float) -> None:
     counts = np.array([1, 2, 7, 24, 744])
-    factors, ranks = order_factors(counts, probability, order_fraction), order_ranks(counts, order_fraction)
+    factors, ranks = os_factors(counts, probability, order_fraction), order_ranks(counts, order_fraction)
     for n, k, factor in zip(counts, ranks, factors, strict=True):
         product = np.prod([(n - i) / (n - i + factor) for i in range(k)])
         assert product == pytest.approx(probability, rel=1e-7)
-    assert np.isinf(order_factors(np.array([0]), probability, order_fraction)).all()
+    assert np.isinf(os_factors(np.array([0]), probability, order_fraction)).all()
 
 
 def test_ranks_round_up_and_stay_in_range() -> None:

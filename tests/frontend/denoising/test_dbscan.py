@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.cluster import DBSCAN
 
-from asfm.config import ClustersConfig
+from asfm.config import DbscanConfig
 from asfm.errors import AsfmError
-from asfm.frontend.denoising.dbscan import keep_clusters, label_clusters
+from asfm.frontend.denoising.dbscan import dbscan_labels, dbscan_mask
 from asfm.types import BoolArray, IntArray
 
 
-def dbscan(mask: BoolArray, config: ClustersConfig) -> IntArray:
+def dbscan(mask: BoolArray, config: DbscanConfig) -> IntArray:
     """scikit-learn's labels as an image: -1 for noise and for what is not detected."""
     labels = np.full(mask.shape, -1)
     if mask.any():
@@ -37,10 +37,10 @@ def test_labels_of_random_masks_are_those_of_scikit_learn(
     shape: tuple[int, int], share: float, radius_px: float, min_pixels: int, seed: int
 ) -> None:
     mask = np.random.default_rng(seed).random(shape) < share
-    config = ClustersConfig(radius_px=radius_px, min_pixels=min_pixels)
+    config = DbscanConfig(radius_px=radius_px, min_pixels=min_pixels)
     expected = dbscan(mask, config)
-    np.testing.assert_array_equal(keep_clusters(mask, config), expected >= 0)
-    np.testing.assert_array_equal(label_clusters(mask, config), expected)
+    np.testing.assert_array_equal(dbscan_mask(mask, config), expected >= 0)
+    np.testing.assert_array_equal(dbscan_labels(mask, config), expected)
 
 
 def test_labels_of_real_frames_are_those_of_scikit_learn(shared_data: Path) -> None:
@@ -48,49 +48,49 @@ def test_labels_of_real_frames_are_those_of_scikit_learn(shared_data: Path) -> N
         image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
         assert image is not None
         mask = image > np.quantile(image, 0.9)
-        for config in (ClustersConfig(radius_px=3, min_pixels=10), ClustersConfig(radius_px=2, min_pixels=7)):
-            kept = keep_clusters(mask, config)
+        for config in (DbscanConfig(radius_px=3, min_pixels=10), DbscanConfig(radius_px=2, min_pixels=7)):
+            kept = dbscan_mask(mask, config)
             assert 0 < kept.sum() < mask.sum()
             expected = dbscan(mask, config)
             np.testing.assert_array_equal(kept, expected >= 0)
-            np.testing.assert_array_equal(label_clusters(mask, config), expected)
+            np.testing.assert_array_equal(dbscan_labels(mask, config), expected)
 
 
 def test_input_is_left_alone_and_a_view_will_do() -> None:
     mask = np.random.default_rng(0).random((40, 60)) < 0.2
-    before, config = mask.copy(), ClustersConfig(radius_px=3, min_pixels=6)
+    before, config = mask.copy(), DbscanConfig(radius_px=3, min_pixels=6)
     copy = np.ascontiguousarray(mask.T)
-    np.testing.assert_array_equal(keep_clusters(mask.T, config), keep_clusters(copy, config))
-    np.testing.assert_array_equal(label_clusters(mask.T, config), label_clusters(copy, config))
+    np.testing.assert_array_equal(dbscan_mask(mask.T, config), dbscan_mask(copy, config))
+    np.testing.assert_array_equal(dbscan_labels(mask.T, config), dbscan_labels(copy, config))
     np.testing.assert_array_equal(mask, before)
 
 
 def test_clusters_join_over_a_gap_of_the_radius_and_no_wider() -> None:
     mask = np.zeros((9, 30), dtype=bool)
     mask[4, 2:8] = mask[4, 10:16] = mask[4, 18:24] = True
-    labels = label_clusters(mask, ClustersConfig(radius_px=3.0, min_pixels=2))
+    labels = dbscan_labels(mask, DbscanConfig(radius_px=3.0, min_pixels=2))
     assert set(labels[mask].tolist()) == {0}
-    labels = label_clusters(mask, ClustersConfig(radius_px=2.9, min_pixels=2))
+    labels = dbscan_labels(mask, DbscanConfig(radius_px=2.9, min_pixels=2))
     assert [set(labels[4, part].tolist()) for part in (slice(2, 8), slice(10, 16), slice(18, 24))] == [{0}, {1}, {2}]
 
 
 @pytest.mark.parametrize("shape", [(0, 0), (0, 7), (1, 1), (50, 40)])
 @pytest.mark.parametrize("full", [False, True])
 def test_masks_that_cover_nothing_or_everything_have_an_answer(shape: tuple[int, int], full: bool) -> None:
-    mask, config = np.full(shape, full), ClustersConfig(radius_px=3, min_pixels=1)
-    np.testing.assert_array_equal(keep_clusters(mask, config), mask)
-    np.testing.assert_array_equal(label_clusters(mask, config), mask.astype(int) - 1)
+    mask, config = np.full(shape, full), DbscanConfig(radius_px=3, min_pixels=1)
+    np.testing.assert_array_equal(dbscan_mask(mask, config), mask)
+    np.testing.assert_array_equal(dbscan_labels(mask, config), mask.astype(int) - 1)
 
 
-@pytest.mark.parametrize("stage", [keep_clusters, label_clusters])
-def test_a_mask_of_another_rank_is_refused(stage: Callable[[BoolArray, ClustersConfig], object]) -> None:
+@pytest.mark.parametrize("stage", [dbscan_mask, dbscan_labels])
+def test_a_mask_of_another_rank_is_refused(stage: Callable[[BoolArray, DbscanConfig], object]) -> None:
     with pytest.raises(AsfmError, match="shape"):
-        stage(np.zeros(5, dtype=bool), ClustersConfig())
+        stage(np.zeros(5, dtype=bool), DbscanConfig())
 
 
 def test_more_clusters_than_sixteen_bits_count() -> None:
     mask = np.ones((300, 300), dtype=bool)
-    labels = label_clusters(mask, ClustersConfig(radius_px=0.5, min_pixels=1))
+    labels = dbscan_labels(mask, DbscanConfig(radius_px=0.5, min_pixels=1))
     np.testing.assert_array_equal(labels.ravel(), np.arange(mask.size))
 
 
@@ -103,6 +103,6 @@ def test_a_chain_of_many_clusters_is_one() -> None:
             mask[row, column] = True
             row, column = row + ahead[0], column + ahead[1]
         ahead = (ahead[1], -ahead[0])
-    config = ClustersConfig(radius_px=3.0, min_pixels=2)
-    assert set(label_clusters(mask, config)[mask].tolist()) == {0}
-    np.testing.assert_array_equal(label_clusters(mask, config), dbscan(mask, config))
+    config = DbscanConfig(radius_px=3.0, min_pixels=2)
+    assert set(dbscan_labels(mask, config)[mask].tolist()) == {0}
+    np.testing.assert_array_equal(dbscan_labels(mask, config), dbscan(mask, config))

@@ -8,7 +8,7 @@ from sklearn.cluster import DBSCAN
 from asfm.config import Config, KeypointsConfig
 from asfm.config_file import load_config
 from asfm.frontend.denoising.cfar import detect_cfar
-from asfm.frontend.denoising.echo_mask import detect_mask
+from asfm.frontend.denoising.echo_mask import detect_echo_mask
 from asfm.types import BoolArray, Frame, ImageArray
 
 SHAPE = (120, 90)
@@ -28,7 +28,7 @@ def draw_echo(seed: int = 0) -> ImageArray:
 
 
 def mask_of(image: ImageArray, margin_px: int = 4, invalid: BoolArray = DATA) -> BoolArray:
-    return detect_mask(Frame(0, 0.0, image, invalid), config_of(margin_px))
+    return detect_echo_mask(Frame(0, 0.0, image, invalid), config_of(margin_px))
 
 
 def mask_slowly(image: ImageArray, margin_px: int, invalid: BoolArray) -> BoolArray:
@@ -120,19 +120,19 @@ def test_logarithmic_images_are_detected_on_their_amplitude() -> None:
     decibels = Frame(0, 0.0, 1 + 20 * np.log10(amplitude) / np.float32(80), nowhere, decibel_span=80.0)
     np.testing.assert_allclose(decibels.amplitude, amplitude, rtol=1e-4)
     config = Config()
-    np.testing.assert_array_equal(detect_mask(decibels, config), detect_mask(plain, config))
-    assert detect_mask(plain, config)[50:56, 30:38].all()
+    np.testing.assert_array_equal(detect_echo_mask(decibels, config), detect_echo_mask(plain, config))
+    assert detect_echo_mask(plain, config)[50:56, 30:38].all()
 
 
 def test_the_settings_of_cfar_reach_the_mask() -> None:
     image = draw_echo()
     plain = mask_of(image)
-    power = detect_mask(Frame(0, 0.0, image * image, DATA), load_config(None, ("cfar.noise=exponential",)))
+    power = detect_echo_mask(Frame(0, 0.0, image * image, DATA), load_config(None, ("cfar.noise=exponential",)))
     np.testing.assert_array_equal(power, plain)
-    root = detect_mask(Frame(0, 0.0, np.sqrt(image), DATA), load_config(None, ("cfar.noise=weibull",)))
+    root = detect_echo_mask(Frame(0, 0.0, np.sqrt(image), DATA), load_config(None, ("cfar.noise=weibull",)))
     assert (root != plain).mean() < 0.03
     many = "cfar.false_alarm_probability=0.3"
-    plain = detect_mask(Frame(0, 0.0, image, DATA), load_config(None, (many,)))
+    plain = detect_echo_mask(Frame(0, 0.0, image, DATA), load_config(None, (many,)))
     for settings in (("cfar.method=soca",), ("cfar.method=os",), ("cfar.guard_px=[4, 0]", "cfar.reference_px=[16, 0]")):
-        mask = detect_mask(Frame(0, 0.0, image, DATA), load_config(None, (many, *settings)))
+        mask = detect_echo_mask(Frame(0, 0.0, image, DATA), load_config(None, (many, *settings)))
         assert mask[50:60, 20:32].any() and (mask != plain).any()

@@ -5,7 +5,7 @@ import pytest
 
 from asfm.config import Config
 from asfm.evaluation.denoising.metrics import measure_psnr
-from asfm.frontend.denoising.image_denoiser import _undo_saturation, clean_image, mask_image
+from asfm.frontend.denoising.image_denoiser import _undo_saturation, denoise_image, mask_image
 from asfm.frontend.denoising.noise_model import estimate_floor, estimate_noise
 from asfm.frontend.denoising.wavelet_shrinkage import _noise_gains, _split, shrink_noise
 from asfm.types import BoolArray, FloatArray, Frame, ImageArray
@@ -36,7 +36,7 @@ def spoil(clean: ImageArray, seed: int, floor_sigma: FloatArray | float = 0.04) 
 
 def clean_up(image: ImageArray, invalid: BoolArray | None = None, span: float | None = None) -> ImageArray:
     invalid = np.zeros(image.shape, dtype=bool) if invalid is None else invalid
-    return clean_image(Frame(0, 0.0, image, invalid, span), Config())
+    return denoise_image(Frame(0, 0.0, image, invalid, span), Config())
 
 
 def test_the_speckle_of_these_tests_is_what_it_says() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from asfm.config import CfarConfig
 from asfm.frontend.denoising.cfar import detect_cfar
-from asfm.frontend.denoising.weibull import RAYLEIGH, SHAPES, estimate_shape, make_exponential
+from asfm.frontend.denoising.weibull import RAYLEIGH, SHAPES, estimate_weibull_shape, transform_to_exponential
 from asfm.types import BoolArray, ImageArray
 
 SHAPE = (512, 256)
@@ -25,7 +25,7 @@ def make_noise(shape: float, seed: int = 0) -> ImageArray:
 @pytest.mark.parametrize("gain", [1.0, 1e-4, 6e4])
 def test_the_shape_of_noise_is_found(shape: float, gain: float) -> None:
     image = np.float32(gain) * make_noise(shape)
-    assert estimate_shape(image, full(image)) == pytest.approx(shape, rel=0.015)
+    assert estimate_weibull_shape(image, full(image)) == pytest.approx(shape, rel=0.015)
 
 
 @pytest.mark.parametrize("shape", [1.0, 2.0, 4.0])
@@ -39,7 +39,7 @@ def test_scenes_hardly_change_the_shape(shape: float) -> None:
     valid = full(image)
     valid[:, 200:203] = False
     image[:, 200:203] = 0
-    assert estimate_shape(image, valid) == pytest.approx(shape, rel=0.05)
+    assert estimate_weibull_shape(image, valid) == pytest.approx(shape, rel=0.05)
 
 
 @pytest.mark.parametrize("shape", [1.0, 2.0, 3.3])
@@ -48,7 +48,7 @@ def test_noise_becomes_exponential_of_mean_one(shape: float) -> None:
     usable = full(image)
     usable[:, :20] = False
     image[:, :20] = np.float32(1e6)
-    power = make_exponential(image, usable)
+    power = transform_to_exponential(image, usable)
     assert not power[:, :20].any()
     mean = power[usable].mean()
     for level in (0.5, 1.0, 3.0):
@@ -58,7 +58,7 @@ def test_noise_becomes_exponential_of_mean_one(shape: float) -> None:
 @pytest.mark.parametrize("sigma", [4, 8, 40])
 def test_a_few_grey_levels_are_enough(sigma: float) -> None:
     image = np.round(np.random.default_rng(3).rayleigh(sigma, SHAPE)).astype(np.float32)
-    assert estimate_shape(image, np.asarray(image > 0)) == pytest.approx(2.0, rel=0.06)
+    assert estimate_weibull_shape(image, np.asarray(image > 0)) == pytest.approx(2.0, rel=0.06)
 
 
 @pytest.mark.parametrize("cut", [0.5, 1.0, 2.0])
@@ -79,23 +79,23 @@ def test_what_is_no_noise_has_an_answer(shape: tuple[int, int], value: float) ->
         assert not detect_cfar(image, full(image), CfarConfig(noise="weibull")).any()
         if np.isfinite(value):
             positive = np.maximum(image, 0)
-            assert estimate_shape(positive, full(image)) == RAYLEIGH
-            assert np.isfinite(make_exponential(positive, full(image))).all()
-            assert not make_exponential(image, ~full(image)).any()
+            assert estimate_weibull_shape(positive, full(image)) == RAYLEIGH
+            assert np.isfinite(transform_to_exponential(positive, full(image))).all()
+            assert not transform_to_exponential(image, ~full(image)).any()
 
 
 def test_extremes_stay_finite_and_within_bounds() -> None:
     """Echoes six decades above the noise, half of the image saturated, sixteen bits, hardly any contrast."""
     bright = make_noise(4.0)
     bright[100:110, 100:110] = 1e6
-    assert np.isfinite(make_exponential(bright, full(bright))).all()
+    assert np.isfinite(transform_to_exponential(bright, full(bright))).all()
     found = detect_cfar(bright, full(bright), CfarConfig(noise="weibull", false_alarm_probability=1e-3))
     assert found[100:110, 100:110].all() and found.mean() < 0.01
     saturated = make_noise(2.0)
     saturated[:256] = 50
-    assert estimate_shape(saturated, full(saturated)) == pytest.approx(2.0, rel=0.05)
+    assert estimate_weibull_shape(saturated, full(saturated)) == pytest.approx(2.0, rel=0.05)
     counts = np.round(2000 * make_noise(2.0)).astype(np.uint16)
     expected = detect_cfar(counts.astype(np.float32), full(saturated), CfarConfig(noise="weibull"))
     np.testing.assert_array_equal(detect_cfar(counts, full(saturated), CfarConfig(noise="weibull")), expected)
     faint = 1 + 1e-3 * make_noise(2.0)
-    assert SHAPES[0] <= estimate_shape(faint, full(faint)) <= SHAPES[1]
+    assert SHAPES[0] <= estimate_weibull_shape(faint, full(faint)) <= SHAPES[1]
