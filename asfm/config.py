@@ -219,6 +219,6 @@ class Config(Section):
     loops: LoopsConfig = LoopsConfig()
 
     @property
-    def square_radius_px(self) -> int:
+    def patch_radius_px(self) -> int:
         """Half-size of the squares cut around keypoints: the largest that anyone looks at."""
         return max(self.ssl.radius_px, self.localisation.radius_px)

@@ -9,7 +9,7 @@ from asfm.backend.estimation.solution import Solution
 from asfm.backend.loops.loop_candidates import LoopPair, LoopSearch, choose_pairs, find_neighbours, search_loops
 from asfm.backend.loops.loop_closure import close_loops
 from asfm.config import Config
-from asfm.frontend.features.keypoints import cut_squares
+from asfm.frontend.features.keypoints import cut_keypoint_patches
 from asfm.frontend.loops.keypoint_tracks import TrackedKeypoints
 from asfm.frontend.loops.loop_verification import Verdict, share_near_arcs, support_each_other, verify_loop
 from asfm.frontend.loops.place_descriptor import compare_contexts, describe_context
@@ -57,7 +57,7 @@ class _Eyes:
         if index not in self.contexts:
             frame = self.sequence.read_frame(index)
             self.contexts[index] = describe_context(frame, self.sequence.sonar)
-            self.keypoints[index] = cut_squares(frame, self.keypoints[index], self.sequence.sonar, self.config)
+            self.keypoints[index] = cut_keypoint_patches(frame, self.keypoints[index], self.sequence.sonar, self.config)
         return self.contexts[index]
 
 

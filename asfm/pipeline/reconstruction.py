@@ -21,7 +21,7 @@ from asfm.backend.initialisation.initial_poses import (
 )
 from asfm.config import Config
 from asfm.frontend.denoising.echo_mask import detect_echo_mask
-from asfm.frontend.features.keypoints import cut_squares, detect_keypoints
+from asfm.frontend.features.keypoints import cut_keypoint_patches, detect_keypoints
 from asfm.frontend.matching.external_matches import Correspondences, judge_correspondences
 from asfm.frontend.matching.pair_matching import match_with_previous
 from asfm.frontend.matching.patch_alignment import align_matches
@@ -93,7 +93,7 @@ def extract(
         mask = detect_echo_mask(frame, config)
         if given is None:
             return frame, mask, detect_keypoints(frame, mask, sequence.sonar, config)
-        return frame, mask, cut_squares(frame, given.keypoints[frame.index], sequence.sonar, config)
+        return frame, mask, cut_keypoint_patches(frame, given.keypoints[frame.index], sequence.sonar, config)
 
     keypoints: list[Keypoints] = []
     candidates: list[Matches] = []

@@ -57,7 +57,7 @@ def sum_leading_lagging(
 
 
 def count_reference_cells(mask: BoolArray, reference_px: HalfSize, guard_px: HalfSize) -> NDArray[np.intp]:
-    """Count the mask's pixels in the ring around each pixel: :func:`sum_reference_cells`, at once if the mask is full."""
+    """Count the mask's pixels around each pixel: :func:`sum_reference_cells`, at once if the mask is full."""
     if not mask.all():
         return np.asarray(sum_reference_cells(as_counts(mask), reference_px, guard_px), dtype=np.intp)
     outer, inner = (
@@ -70,7 +70,7 @@ def count_reference_cells(mask: BoolArray, reference_px: HalfSize, guard_px: Hal
 def count_leading_lagging(
     mask: BoolArray, reference_px: HalfSize, guard_px: HalfSize
 ) -> tuple[NumberArray, NumberArray]:
-    """Count the mask's pixels in the rows before and behind: :func:`sum_leading_lagging`, at once if the mask is full."""
+    """Count the mask's pixels before and behind: :func:`sum_leading_lagging`, at once if the mask is full."""
     if not mask.all():
         return sum_leading_lagging(as_counts(mask), reference_px, guard_px)
     columns = [_count_line(mask.shape[1], half[1], half[1]) for half in (reference_px, guard_px)]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from asfm.config import KeypointsConfig
-from asfm.frontend.features.subpixel import refine_corners
+from asfm.frontend.features.subpixel import refine_subpixel
 from asfm.types import Descriptors, FloatArray
 
 Picture = NDArray[np.uint8]
@@ -88,7 +88,7 @@ def find_features(picture: Picture, allowed: Picture, settings: KeypointsConfig)
     xy_px = np.array([keypoint.pt for keypoint in found])[order] + 0.5
     if settings.detector == "orb":
         octave = np.array([keypoint.octave for keypoint in found])[order]
-        xy_px = refine_corners(picture, xy_px, ORB_SCALE**octave)
+        xy_px = refine_subpixel(picture, xy_px, ORB_SCALE**octave)
     chosen: Descriptors = descriptors[order]
     return Features(xy_px, response[order], chosen)
 

@@ -17,13 +17,13 @@ LARGEST_FAN_PX = 2048
 """Longest side of the fan in which features are looked for."""
 
 
-class ImageSpace(Protocol):
+class ImageWarp(Protocol):
     """A picture made of the polar image, and the way back."""
 
-    def draw(self, image: ImageArray) -> ImageArray:
+    def warp(self, image: ImageArray) -> ImageArray:
         """Draw a (ranges, beams) image: (height, width)."""
 
-    def draw_mask(self, mask: BoolArray) -> NDArray[np.uint8]:
+    def warp_mask(self, mask: BoolArray) -> NDArray[np.uint8]:
         """Draw a (ranges, beams) mask: (height, width), non-zero where features may lie."""
 
     def to_polar(self, xy_px: FloatArray) -> FloatArray:
@@ -34,7 +34,7 @@ class ImageSpace(Protocol):
 
 
 @dataclass(frozen=True)
-class PolarSpace:
+class StretchedPolarWarp:
     """The polar image with its bearing axis stretched."""
 
     shape: tuple[int, int]
@@ -42,46 +42,46 @@ class PolarSpace:
     width_px: int
     """Of the picture."""
 
-    def draw(self, image: ImageArray) -> ImageArray:
-        """See :class:`ImageSpace`."""
+    def warp(self, image: ImageArray) -> ImageArray:
+        """See :class:`ImageWarp`."""
         return np.asarray(cv2.resize(image, (self.width_px, self.shape[0]), interpolation=cv2.INTER_LINEAR))
 
-    def draw_mask(self, mask: BoolArray) -> NDArray[np.uint8]:
-        """See :class:`ImageSpace`."""
+    def warp_mask(self, mask: BoolArray) -> NDArray[np.uint8]:
+        """See :class:`ImageWarp`."""
         size = (self.width_px, self.shape[0])
         return np.asarray(cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST))
 
     def to_polar(self, xy_px: FloatArray) -> FloatArray:
-        """See :class:`ImageSpace`."""
+        """See :class:`ImageWarp`."""
         return np.stack([xy_px[:, 1], xy_px[:, 0] * (self.shape[1] / self.width_px)], axis=1)
 
     def from_polar(self, row_column: FloatArray) -> FloatArray:
-        """See :class:`ImageSpace`."""
+        """See :class:`ImageWarp`."""
         return np.stack([row_column[:, 1] * (self.width_px / self.shape[1]), row_column[:, 0]], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
-class FanSpace:
+class CartesianWarp:
     """The fan of square pixels. Beyond its edges the outermost echoes go on: its outline is no feature."""
 
     grid: FanGrid
 
-    def draw(self, image: ImageArray) -> ImageArray:
-        """See :class:`ImageSpace`."""
+    def warp(self, image: ImageArray) -> ImageArray:
+        """See :class:`ImageWarp`."""
         return self._remap(image, cv2.INTER_LINEAR)
 
-    def draw_mask(self, mask: BoolArray) -> NDArray[np.uint8]:
-        """See :class:`ImageSpace`."""
+    def warp_mask(self, mask: BoolArray) -> NDArray[np.uint8]:
+        """See :class:`ImageWarp`."""
         return np.where(self.grid.inside, self._remap(mask.astype(np.uint8), cv2.INTER_NEAREST), np.uint8(0))
 
     def to_polar(self, xy_px: FloatArray) -> FloatArray:
-        """See :class:`ImageSpace`."""
+        """See :class:`ImageWarp`."""
         range_m, bearing_rad = self.grid.range_bearing_at(xy_px)
         sonar = self.grid.sonar
         return np.stack([sonar.row_at_range(range_m), sonar.column_at_bearing(bearing_rad)], axis=1)
 
     def from_polar(self, row_column: FloatArray) -> FloatArray:
-        """See :class:`ImageSpace`."""
+        """See :class:`ImageWarp`."""
         sonar = self.grid.sonar
         return self.grid.pixel_at(sonar.range_at_row(row_column[:, 0]), sonar.bearing_at_column(row_column[:, 1]))
 
@@ -100,16 +100,16 @@ class FanSpace:
 
 
 @lru_cache(maxsize=4)
-def make_space(sonar: SonarModel, settings: KeypointsConfig) -> ImageSpace:
+def make_image_warp(sonar: SonarModel, settings: KeypointsConfig) -> ImageWarp:
     """Make the space that the settings ask for; a sonar's fan is laid out once.
 
     The fan's pixels are as long as a range bin, unless that makes it larger than features need.
     """
     if settings.space == "polar":
-        return PolarSpace(sonar.shape, round(sonar.shape[1] * column_stretch(sonar, settings)))
+        return StretchedPolarWarp(sonar.shape, round(sonar.shape[1] * column_stretch(sonar, settings)))
     half_width_m = FanGrid.fit(sonar, 1).left_m
     width_px = int(np.clip(round(2 * half_width_m / sonar.range_step_m), 1, LARGEST_FAN_PX))
-    return FanSpace(FanGrid.fit(sonar, width_px, LARGEST_FAN_PX))
+    return CartesianWarp(FanGrid.fit(sonar, width_px, LARGEST_FAN_PX))
 
 
 def column_stretch(sonar: SonarModel, settings: KeypointsConfig) -> float:

@@ -12,7 +12,7 @@ KNEE = 0.6
 """Echoes brighter than this share of the bright ones are compressed."""
 
 
-def even_gain(image: ImageArray, settings: KeypointsConfig) -> ImageArray:
+def normalise_intensity(image: ImageArray, settings: KeypointsConfig) -> ImageArray:
     """Smooth the speckle and scale the brightest echoes towards 1, so that thresholds mean the same for every gain.
 
     Above the knee the scale bends and never ends: echoes cut off flat would have no place.

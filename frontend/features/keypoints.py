@@ -8,8 +8,8 @@ import numpy as np
 from asfm.config import Config, KeypointsConfig
 from asfm.errors import AsfmError
 from asfm.frontend.features.detectors import Features, Picture, find_features, no_features
-from asfm.frontend.features.image_warp import ImageSpace, make_space
-from asfm.frontend.features.intensity import even_gain
+from asfm.frontend.features.image_warp import ImageWarp, make_image_warp
+from asfm.frontend.features.intensity import normalise_intensity
 from asfm.frontend.features.patches import cut_patches
 from asfm.geometry.sonar import SonarModel
 from asfm.types import BoolArray, Frame, ImageArray, Keypoints
@@ -46,42 +46,44 @@ def detect_keypoints(frame: Frame, mask: BoolArray, sonar: SonarModel, config: C
     settings = config.keypoints
     image = _check(frame.image, mask)
     if min(image.shape) < SMALLEST_PX:
-        return _no_keypoints(settings, config.square_radius_px)
-    space = _open_space(image, sonar, settings)
-    picture = space.draw(even_gain(image, settings))
-    features = _find_around(picture, space.draw_mask(_keep_off_borders(mask)), settings)
-    row_column = space.to_polar(features.xy_px)
+        return _no_keypoints(settings, config.patch_radius_px)
+    image_warp = _open_image_warp(image, sonar, settings)
+    picture = image_warp.warp(normalise_intensity(image, settings))
+    features = _find_around(picture, image_warp.warp_mask(_keep_off_borders(mask)), settings)
+    row_column = image_warp.to_polar(features.xy_px)
     return Keypoints(
         row_column=row_column,
         range_m=sonar.range_at_row(row_column[:, 0]),
         bearing_rad=sonar.bearing_at_column(row_column[:, 1]),
         response=features.response,
         descriptors=features.descriptors,
-        patches=cut_patches(picture, space.from_polar(row_column)[:, ::-1], config.square_radius_px),
+        patches=cut_patches(picture, image_warp.from_polar(row_column)[:, ::-1], config.patch_radius_px),
     )
 
 
-def draw_picture(frame: Frame, sonar: SonarModel, config: Config) -> Picture:
+def warp_image(frame: Frame, sonar: SonarModel, config: Config) -> Picture:
     """Draw the picture of bytes that the detector looks at, without what goes on beyond its borders.
 
     Raises:
         AsfmError: image and sonar differ in shape, or the image holds a value that is not finite.
     """
     image = _check(frame.image, frame.invalid)
-    return _as_bytes(_open_space(image, sonar, config.keypoints).draw(even_gain(image, config.keypoints)))
+    return _as_bytes(
+        _open_image_warp(image, sonar, config.keypoints).warp(normalise_intensity(image, config.keypoints))
+    )
 
 
-def cut_squares(frame: Frame, keypoints: Keypoints, sonar: SonarModel, config: Config) -> Keypoints:
+def cut_keypoint_patches(frame: Frame, keypoints: Keypoints, sonar: SonarModel, config: Config) -> Keypoints:
     """Give keypoints found elsewhere the squares of the picture around them.
 
     Raises:
         AsfmError: image and sonar differ in shape, or the image or a place is not finite.
     """
     image = _check(frame.image, frame.invalid)
-    space = _open_space(image, sonar, config.keypoints)
-    picture = space.draw(even_gain(image, config.keypoints))
-    xy_px = space.from_polar(keypoints.row_column)
-    return replace(keypoints, patches=cut_patches(picture, xy_px[:, ::-1], config.square_radius_px))
+    image_warp = _open_image_warp(image, sonar, config.keypoints)
+    picture = image_warp.warp(normalise_intensity(image, config.keypoints))
+    xy_px = image_warp.from_polar(keypoints.row_column)
+    return replace(keypoints, patches=cut_patches(picture, xy_px[:, ::-1], config.patch_radius_px))
 
 
 def _keep_off_borders(mask: BoolArray) -> BoolArray:
@@ -139,10 +141,10 @@ def _check(image: ImageArray, mask: BoolArray) -> ImageArray:
     return values
 
 
-def _open_space(image: ImageArray, sonar: SonarModel, settings: KeypointsConfig) -> ImageSpace:
+def _open_image_warp(image: ImageArray, sonar: SonarModel, settings: KeypointsConfig) -> ImageWarp:
     if image.shape != sonar.shape:
         raise AsfmError(f"keypoints: expected an image of the sonar's {sonar.shape} pixels, found {image.shape}")
-    return make_space(sonar, settings)
+    return make_image_warp(sonar, settings)
 
 
 def _no_keypoints(settings: KeypointsConfig, radius_px: int) -> Keypoints:

@@ -12,7 +12,7 @@ HARRIS = 0.04
 """Harris's k: the score is det - k trace^2 of the structure (Harris and Stephens 1988)."""
 
 
-def refine_corners(picture: NDArray[np.uint8], xy_px: FloatArray, scale: FloatArray) -> FloatArray:
+def refine_subpixel(picture: NDArray[np.uint8], xy_px: FloatArray, scale: FloatArray) -> FloatArray:
     """Move corners to the top of the parabola through Harris's score around them, on their level of the pyramid.
 
     OpenCV scales the number of a level's pixel up, and not the place of its centre: that half pixel of the level is
@@ -34,11 +34,11 @@ def refine_corners(picture: NDArray[np.uint8], xy_px: FloatArray, scale: FloatAr
         smaller = cv2.resize(picture, tuple(size.tolist()), interpolation=cv2.INTER_LINEAR_EXACT)
         if min(smaller.shape) >= 5:
             score = cv2.cornerHarris(smaller, WINDOW_PX, 3, HARRIS)
-            refined[chosen] = _climb(score, refined[chosen] * (size / whole)) * (whole / size)
+            refined[chosen] = _ascend(score, refined[chosen] * (size / whole)) * (whole / size)
     return refined
 
 
-def _climb(score: NDArray[np.float32], xy_px: FloatArray) -> FloatArray:
+def _ascend(score: NDArray[np.float32], xy_px: FloatArray) -> FloatArray:
     """Step to the highest of the nine pixels, then to the top of the parabola along each axis."""
     height, width = score.shape
     column, row = np.clip(np.floor(xy_px).astype(int).T, 2, [[width - 3], [height - 3]])

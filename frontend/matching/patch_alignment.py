@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from asfm.config import Config
 from asfm.frontend.features.detectors import DETECTORS
-from asfm.frontend.features.image_warp import ImageSpace, make_space
+from asfm.frontend.features.image_warp import ImageWarp, make_image_warp
 from asfm.frontend.features.patches import crop_patches
 from asfm.geometry.sonar import SonarModel
 from asfm.types import FloatArray, ImageArray, Keypoints, Matches
@@ -69,12 +69,12 @@ def align_matches(
         sonar: the pixel grid.
         config: section ``localisation``, and what the squares were cut from.
     """
-    space, settings = make_space(sonar, config.keypoints), config.localisation
+    image_warp, settings = make_image_warp(sonar, config.keypoints), config.localisation
     filled = [number for number, match in enumerate(matches) if len(match)]
     aligned = list(matches)
     if not filled or not settings.radius_px:
         return aligned
-    sides = [_gather(matches[number], keypoints, space, settings.radius_px) for number in filled]
+    sides = [_gather(matches[number], keypoints, image_warp, settings.radius_px) for number in filled]
     squares_a, squares_b, xy_a_px, xy_b_px = (np.concatenate(parts) for parts in zip(*sides, strict=True))
     shift, covariance = align_squares(squares_a, squares_b, _noise_area(config))
     moved = shift[:, ::-1] + (xy_a_px - np.floor(xy_a_px)) - (xy_b_px - np.floor(xy_b_px))
@@ -82,7 +82,7 @@ def align_matches(
     moved = np.where(near[:, None], moved, 0.0)
     floor_px = settings.floor_px or DETECTORS[config.keypoints.detector].floor_px
     covariance = settings.spread_factor**2 * covariance[:, ::-1, ::-1] + floor_px**2 * np.eye(2)
-    place, sigma = _measure_in_polar(xy_b_px, moved, covariance, space, sonar)
+    place, sigma = _measure_in_polar(xy_b_px, moved, covariance, image_warp, sonar)
     slides = ~near | (np.sqrt(np.linalg.eigvalsh(covariance)[:, -1]) > settings.max_sigma_px)
     ends = np.cumsum([len(matches[number]) for number in filled])[:-1]
     for number, *parts in zip(filled, *(np.split(value, ends) for value in (place, sigma, slides)), strict=True):
@@ -91,7 +91,7 @@ def align_matches(
 
 
 def _gather(
-    match: Matches, keypoints: Sequence[Keypoints], space: ImageSpace, radius_px: int
+    match: Matches, keypoints: Sequence[Keypoints], image_warp: ImageWarp, radius_px: int
 ) -> tuple[ImageArray, ImageArray, FloatArray, FloatArray]:
     """Give the squares and the places in the picture of both sides of a pair's matches."""
     a, b = keypoints[match.frame_a], keypoints[match.frame_b]
@@ -99,8 +99,8 @@ def _gather(
     return (
         crop_patches(a.patches, radius_px)[of_a],
         crop_patches(b.patches, radius_px)[of_b],
-        space.from_polar(a.row_column)[of_a],
-        space.from_polar(b.row_column)[of_b],
+        image_warp.from_polar(a.row_column)[of_a],
+        image_warp.from_polar(b.row_column)[of_b],
     )
 
 
@@ -122,21 +122,21 @@ def _noise_area(config: Config) -> float:
 
 
 def _measure_in_polar(
-    xy_px: FloatArray, moved_px: FloatArray, covariance: FloatArray, space: ImageSpace, sonar: SonarModel
+    xy_px: FloatArray, moved_px: FloatArray, covariance: FloatArray, image_warp: ImageWarp, sonar: SonarModel
 ) -> tuple[FloatArray, FloatArray]:
     """Turn places (M, 2) of the picture, moved, and their (M, 2, 2) covariance into range_m and bearing_rad.
 
     Returns:
         (M, 2) range_m and bearing_rad, (M, 2) their standard deviations.
     """
-    centre = _see(xy_px + moved_px, space, sonar)
+    centre = _see(xy_px + moved_px, image_warp, sonar)
     slopes = np.stack(
-        [_see(xy_px + step, space, sonar) - _see(xy_px - step, space, sonar) for step in np.eye(2) / 2], 2
+        [_see(xy_px + step, image_warp, sonar) - _see(xy_px - step, image_warp, sonar) for step in np.eye(2) / 2], 2
     )
     spread = np.einsum("mij,mjk,mik->mi", slopes, covariance, slopes)
     return centre, np.sqrt(np.maximum(spread, 0))
 
 
-def _see(xy_px: FloatArray, space: ImageSpace, sonar: SonarModel) -> FloatArray:
-    row, column = space.to_polar(xy_px).T
+def _see(xy_px: FloatArray, image_warp: ImageWarp, sonar: SonarModel) -> FloatArray:
+    row, column = image_warp.to_polar(xy_px).T
     return np.stack([sonar.range_at_row(row), sonar.bearing_at_column(column)], axis=1)

@@ -9,7 +9,7 @@ from asfm.config import Config
 from asfm.evaluation.arc_consistency import fits_arc
 from asfm.evaluation.matching import find_true_positions, judge_matches
 from asfm.frontend.features.detectors import DETECTORS, Picture
-from asfm.frontend.features.keypoints import draw_picture
+from asfm.frontend.features.keypoints import warp_image
 from asfm.frontend.matching.nearest import match_keypoints
 from asfm.geometry.poses import interpolate, invert
 from asfm.pipeline.reconstruction import extract
@@ -82,7 +82,7 @@ def pass_frontend(sequence: Sequence, config: Config, clock: Callable[[], float]
         .detectAndCompute
     )
     first = config.matching.max_gap if len(frames) > config.matching.max_gap + 1 else 0
-    alone_s = [_time(clock, detect_alone, draw_picture(frame, sequence.sonar, config)) for frame in frames[first:]]
+    alone_s = [_time(clock, detect_alone, warp_image(frame, sequence.sonar, config)) for frame in frames[first:]]
     asked_s = np.zeros(len(frames))
 
     def read(index: int) -> Frame:

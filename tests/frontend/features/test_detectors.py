@@ -6,9 +6,9 @@ import pytest
 
 from asfm.config import Config, KeypointsConfig
 from asfm.frontend.features.detectors import DETECTORS
-from asfm.frontend.features.image_warp import FanSpace, PolarSpace, make_space
+from asfm.frontend.features.image_warp import CartesianWarp, StretchedPolarWarp, make_image_warp
 from asfm.frontend.features.keypoints import detect_keypoints
-from asfm.frontend.features.subpixel import refine_corners
+from asfm.frontend.features.subpixel import refine_subpixel
 from asfm.geometry.sonar import SonarModel
 from asfm.types import BoolArray, FloatArray, Frame, ImageArray, Keypoints
 
@@ -33,7 +33,7 @@ def check(found: Keypoints, config: Config) -> None:
     """What the type promises, whatever is in the image."""
     length, kind = DETECTORS[config.keypoints.detector].descriptor
     assert found.descriptors.shape == (len(found), length) and found.descriptors.dtype == kind
-    side = 2 * config.square_radius_px + 1
+    side = 2 * config.patch_radius_px + 1
     assert found.patches.shape == (len(found), side, side) and found.patches.dtype == np.float32
     assert len(found) <= config.keypoints.max_count and (np.diff(found.response) <= 0).all()
     for values in (found.row_column, found.range_m, found.bearing_rad, found.response, found.patches):
@@ -158,17 +158,19 @@ def test_only_turned_descriptors_follow_a_turned_image(detector: str) -> None:
 
 @pytest.mark.parametrize("space", ["polar", "fan"])
 def test_a_place_goes_to_the_picture_and_back(space: str) -> None:
-    picture = make_space(SONAR, KeypointsConfig.model_validate({"space": space}))
+    picture = make_image_warp(SONAR, KeypointsConfig.model_validate({"space": space}))
     row_column = np.random.default_rng(1).uniform((1, 1), np.array(SHAPE) - 1.0, (50, 2))
     np.testing.assert_allclose(picture.to_polar(picture.from_polar(row_column)), row_column, atol=1e-9)
 
 
 def test_the_fan_allows_nothing_outside_and_has_no_outline() -> None:
-    fan, polar = (make_space(SONAR, KeypointsConfig.model_validate({"space": space})) for space in ("fan", "polar"))
-    assert isinstance(fan, FanSpace) and isinstance(polar, PolarSpace)
-    allowed = fan.draw_mask(np.ones(SHAPE, dtype=bool)) > 0
+    fan, polar = (
+        make_image_warp(SONAR, KeypointsConfig.model_validate({"space": space})) for space in ("fan", "polar")
+    )
+    assert isinstance(fan, CartesianWarp) and isinstance(polar, StretchedPolarWarp)
+    allowed = fan.warp_mask(np.ones(SHAPE, dtype=bool)) > 0
     np.testing.assert_array_equal(allowed, fan.grid.inside)
-    assert fan.draw(np.ones(SHAPE, dtype=np.float32)).min() == 1.0
+    assert fan.warp(np.ones(SHAPE, dtype=np.float32)).min() == 1.0
     assert fan.grid.pixel_m == pytest.approx(SONAR.range_step_m, rel=0.01)
 
 
@@ -183,7 +185,7 @@ def test_a_corner_is_refined_to_a_fraction_of_a_pixel(scale: float) -> None:
         picture = (200 * np.exp(-squared / (2 * (3 * scale) ** 2))).astype(np.uint8)
         level = np.floor(where / scale) + rng.integers(-1, 2, 2)  # the number of a pixel, as OpenCV has it
         error.append(
-            refine_corners(picture, np.asarray(level[None] * scale + 0.5, dtype=np.float64), np.array([scale]))[0]
+            refine_subpixel(picture, np.asarray(level[None] * scale + 0.5, dtype=np.float64), np.array([scale]))[0]
             - where
         )
     assert np.abs(np.mean(error, axis=0)) == pytest.approx(0, abs=0.15)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from asfm.config import KeypointsConfig
-from asfm.frontend.features.intensity import BRIGHT_SHARE, KNEE, even_gain, find_quantile
+from asfm.frontend.features.intensity import BRIGHT_SHARE, KNEE, find_quantile, normalise_intensity
 from asfm.types import ImageArray
 
 STILL = KeypointsConfig(smoothing_px=0)
@@ -24,7 +24,7 @@ def test_the_quantile_is_that_of_numpy(image: ImageArray, share: float) -> None:
 def test_the_scale_is_linear_below_the_knee_and_never_ends_above() -> None:
     image = np.linspace(0, 1, 40000, dtype=np.float32).reshape(200, 200)
     image[-1, -10:] = 5.0
-    even = even_gain(image, STILL)
+    even = normalise_intensity(image, STILL)
     linear = image / find_quantile(image, BRIGHT_SHARE)
     np.testing.assert_allclose(even[linear <= KNEE], linear[linear <= KNEE], rtol=1e-6)
     assert (np.diff(even.ravel()[:-10]) > 0).all() and even[-1, -1] > even[-1, -11] and even.max() < 1
@@ -40,15 +40,15 @@ def test_the_gain_is_taken_out_and_the_image_left_alone(factor: float, smoothing
     scaled = np.asarray(image * np.float32(factor))
     before = scaled.copy()
     with np.errstate(all="raise", under="ignore"):
-        even = even_gain(scaled, settings)
+        even = normalise_intensity(scaled, settings)
     np.testing.assert_array_equal(scaled, before)
     if factor > 1e-30:  # below, single precision itself is coarse
-        np.testing.assert_allclose(even, even_gain(image, settings), rtol=1e-4, atol=1e-6)
+        np.testing.assert_allclose(even, normalise_intensity(image, settings), rtol=1e-4, atol=1e-6)
     assert np.isfinite(even).all() and 0 <= even.min() <= even.max() < 1
 
 
 @pytest.mark.parametrize("image", [np.zeros((20, 20)), np.full((20, 20), -1.0), np.ones((1, 1))])
 def test_nothing_stays_nothing(image: ImageArray) -> None:
-    even = even_gain(image.astype(np.float32), STILL)
+    even = normalise_intensity(image.astype(np.float32), STILL)
     assert np.isfinite(even).all() and even.min() >= 0
     assert (even == 0).all() == (image.max() <= 0)

@@ -11,7 +11,7 @@ import pytest
 from asfm.config import Config, KeypointsConfig
 from asfm.errors import AsfmError
 from asfm.frontend.features.image_warp import column_stretch
-from asfm.frontend.features.keypoints import cut_squares, detect_keypoints
+from asfm.frontend.features.keypoints import cut_keypoint_patches, detect_keypoints
 from asfm.geometry.sonar import SonarModel
 from asfm.types import BoolArray, FloatArray, Frame, ImageArray, Keypoints
 
@@ -73,7 +73,7 @@ def draw_debris(seed: int = 0, shape: tuple[int, int] = SHAPE) -> ImageArray:
 
 def check_shapes(found: Keypoints, config: Config | None = None) -> None:
     """What the type promises, and what matching and the loss rely on."""
-    count, width = len(found), 2 * (config or Config()).square_radius_px + 1
+    count, width = len(found), 2 * (config or Config()).patch_radius_px + 1
     assert found.row_column.shape == (count, 2)
     assert found.range_m.shape == found.bearing_rad.shape == found.response.shape == (count,)
     assert found.descriptors.shape == (count, 61) and found.descriptors.dtype == np.uint8
@@ -203,7 +203,7 @@ def test_a_lone_bright_pixel_does_not_hurt() -> None:
 SMALL_IMAGES = """
 import numpy as np
 from asfm.config import Config
-from asfm.frontend.features.keypoints import cut_squares, detect_keypoints
+from asfm.frontend.features.keypoints import cut_keypoint_patches, detect_keypoints
 from asfm.geometry.sonar import SonarModel
 from asfm.types import Frame
 
@@ -218,7 +218,7 @@ for shape in [(rows, columns) for rows in lengths for columns in lengths] + [(1,
         for config in configs:
             found = detect_keypoints(frame, np.ones(shape, bool), sonar, config)
             assert len(found) == 0 or min(shape) >= 16, shape
-            side = 2 * config.square_radius_px + 1
+            side = 2 * config.patch_radius_px + 1
             assert found.patches.shape == (len(found), side, side), shape
             assert np.isfinite(found.row_column).all() and (found.row_column <= shape).all(), shape
 """
@@ -273,6 +273,6 @@ def test_squares_of_given_keypoints_are_those_of_found_ones() -> None:
     for space in ("polar", "fan"):
         config = Config.model_validate({"keypoints": {"space": space}})
         found = detect(image, sonar, config=config)
-        given = cut_squares(frame_of(image), found.without_patches(), sonar, config)
+        given = cut_keypoint_patches(frame_of(image), found.without_patches(), sonar, config)
         same = (given.patches == found.patches).all(axis=(1, 2))
         assert same.mean() > 0.97, "but for those between two pixels"

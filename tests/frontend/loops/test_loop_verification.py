@@ -17,7 +17,7 @@ from asfm.types import FloatArray, IntArray, Keypoints, Tracks
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.6, 0.6), (600, 256), np.deg2rad(20))
 CONFIG = Config()
-WIDTH = 2 * CONFIG.square_radius_px + 1
+WIDTH = 2 * CONFIG.patch_radius_px + 1
 NO_TRACKS = Tracks(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
 
 
