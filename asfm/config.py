@@ -134,14 +134,14 @@ class SslConfig(Section):
 
 
 class LocalisationConfig(Section):
-    """Where features truly lie, as the squares around them say."""
+    """Where features truly lie, as the patches around them say."""
 
     radius_px: int = Field(default=14, ge=0)
-    """Half-size of the squares that are aligned; 0 leaves features where the detector put them."""
+    """Half-size of the patches that are aligned; 0 leaves features where the detector put them."""
     floor_px: float | None = Field(default=None, gt=0)
     """Standard deviation of the best feature's place, in pixels of the picture that features are found in; without one
     what was measured of the detector: akaze and sift 0.7, orb 0.8, brisk 0.9."""
-    spread_factor: float = Field(default=1.5, gt=0)
+    sigma_scale: float = Field(default=1.5, gt=0)
     """What an alignment states as its sigma is times this too small."""
     max_sigma_px: float = Field(default=1.9, gt=0)
     """A match less sure than this slides along an edge, or over nothing, and is rejected."""
@@ -220,5 +220,5 @@ class Config(Section):
 
     @property
     def patch_radius_px(self) -> int:
-        """Half-size of the squares cut around keypoints: the largest that anyone looks at."""
+        """Half-size of the patches cut around keypoints: the largest that anyone looks at."""
         return max(self.ssl.radius_px, self.localisation.radius_px)

@@ -97,13 +97,13 @@ class Keypoints:
     descriptors: Descriptors
     """(K, D) bytes of binary descriptors, compared by Hamming distance, or float32, compared by Euclidean distance."""
     patches: ImageArray
-    """(K, 2r+1, 2r+1) squares of the stretched image around each keypoint, for the structural-and-spatial loss."""
+    """(K, 2r+1, 2r+1) patches of the stretched image around each keypoint, for the structural-and-spatial loss."""
 
     def __len__(self) -> int:
         return len(self.range_m)
 
     def without_patches(self) -> "Keypoints":
-        """Give the same keypoints without their squares, which take most of the memory."""
+        """Give the same keypoints without their patches, which take most of the memory."""
         return replace(self, patches=self.patches[:0])
 
 

@@ -11,7 +11,7 @@ from asfm.types import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)
-class PredictedPoses:
+class PosePrediction:
     """Where each frame's sonar is thought to be before the images are looked at, and how surely."""
 
     world_from_sonar: FloatArray
@@ -21,7 +21,7 @@ class PredictedPoses:
     step_translation_m: float
     """Standard deviation of one step's translation, each axis."""
 
-    def relate(self, frame_a: int, frame_b: int) -> FloatArray:
+    def relative_pose(self, frame_a: int, frame_b: int) -> FloatArray:
         """Give the (4, 4) relative pose b_from_a of two frames' sonars."""
         return np.asarray(self._sonar_from_world[frame_b] @ self.world_from_sonar[frame_a])
 
@@ -29,7 +29,7 @@ class PredictedPoses:
     def _sonar_from_world(self) -> FloatArray:
         return invert(self.world_from_sonar)
 
-    def spread(self, frame_a: int, frame_b: int, range_m: FloatArray, sigma: FloatArray) -> FloatArray:
+    def predicted_sigma(self, frame_a: int, frame_b: int, range_m: FloatArray, sigma: FloatArray) -> FloatArray:
         """Add the prediction's uncertainty to the noise of a point.
 
         The errors of the steps are independent, so they grow with the square root of the gap. A translation shows in
@@ -76,10 +76,10 @@ def arc_residuals(
     arc = sonar.elevation_arc(pixel_a[:, 0], pixel_a[:, 1], count)
     arc_in_b = np.einsum("mij,mgj->mgi", b_from_a[:, :3, :3], arc) + b_from_a[:, None, :3, 3]
     range_m, bearing_rad, _ = project(arc_in_b)
-    return distance_from_arcs(np.stack([range_m, bearing_rad], axis=-1), pixel_b, sigma)
+    return arc_distances(np.stack([range_m, bearing_rad], axis=-1), pixel_b, sigma)
 
 
-def distance_from_arcs(seen: FloatArray, pixel_b: FloatArray, sigma: FloatArray) -> FloatArray:
+def arc_distances(seen: FloatArray, pixel_b: FloatArray, sigma: FloatArray) -> FloatArray:
     """Measure how far pixels are from arcs, in sigmas; an arc is straight between its points.
 
     Args:
@@ -98,7 +98,7 @@ def distance_from_arcs(seen: FloatArray, pixel_b: FloatArray, sigma: FloatArray)
     return np.asarray(np.sqrt(np.einsum("mgi,mgi->mg", nearest, nearest).min(axis=1)))
 
 
-def see_arcs(sonar: SonarModel, b_from_a: FloatArray, pixel_a: FloatArray, count: int = 7) -> FloatArray:
+def project_arcs(sonar: SonarModel, b_from_a: FloatArray, pixel_a: FloatArray, count: int = 7) -> FloatArray:
     """Carry the elevation arcs of one frame's pixels into another frame.
 
     Args:
@@ -125,7 +125,7 @@ def see_arcs(sonar: SonarModel, b_from_a: FloatArray, pixel_a: FloatArray, count
     return seen
 
 
-def near_arcs(seen: FloatArray, pixel_b: FloatArray, reach: FloatArray) -> BoolArray:
+def arc_box_candidates(seen: FloatArray, pixel_b: FloatArray, reach: FloatArray) -> BoolArray:
     """Tell quickly which pixels of frame b may lie on each arc.
 
     An arc is taken for the box of range and bearing that holds it, so some that are not near are let pass.

@@ -16,7 +16,7 @@ from asfm.frontend.loops.place_descriptor import compare_contexts, describe_cont
 from asfm.frontend.matching.filters import difference_sigma
 from asfm.frontend.matching.pair_matching import match_pairs
 from asfm.frontend.matching.patch_alignment import align_matches
-from asfm.geometry.elevation_arcs import PredictedPoses
+from asfm.geometry.elevation_arcs import PosePrediction
 from asfm.geometry.sonar import feature_sigma
 from asfm.sequence import Sequence
 from asfm.stages import StageReport
@@ -48,12 +48,12 @@ class _Eyes:
 
     sequence: Sequence
     keypoints: list[Keypoints]
-    """Of every frame; those looked at have their squares."""
+    """Of every frame; those looked at have their patches."""
     contexts: dict[int, FloatArray]
     config: Config
 
     def look(self, index: int) -> FloatArray:
-        """Give the context of a frame, and its keypoints their squares."""
+        """Give the context of a frame, and its keypoints their patches."""
         if index not in self.contexts:
             frame = self.sequence.read_frame(index)
             self.contexts[index] = describe_context(frame, self.sequence.sonar)
@@ -67,7 +67,7 @@ def find_loops(
     """Find loops under the poses of a round, and close them.
 
     Args:
-        keypoints: those of every frame, without squares.
+        keypoints: those of every frame, without patches.
         solution: poses, tracks and graph.
         report: told what was looked at and accepted.
 
@@ -107,7 +107,7 @@ def _judge_pairs(
 def _judge_pair(pair: LoopPair, eyes: _Eyes, world_from_sonar: FloatArray, tracked: TrackedKeypoints) -> Verdict:
     sonar, config = eyes.sequence.sonar, eyes.config
     root = float(np.sqrt(pair.frame_b - pair.frame_a))
-    predicted = PredictedPoses(world_from_sonar, pair.bearing_sigma_rad / root, pair.range_sigma_m / root)
+    predicted = PosePrediction(world_from_sonar, pair.bearing_sigma_rad / root, pair.range_sigma_m / root)
     matches = match_pairs([(pair.frame_a, pair.frame_b)], eyes.keypoints, config, sonar, predicted)
     (aligned,) = align_matches(matches, eyes.keypoints, sonar, config)
     return verify_loop(aligned, eyes.keypoints, sonar, predicted, tracked, config)

@@ -22,14 +22,14 @@ from asfm.backend.initialisation.initial_poses import (
 from asfm.config import Config
 from asfm.frontend.denoising.echo_mask import detect_echo_mask
 from asfm.frontend.features.keypoints import cut_keypoint_patches, detect_keypoints
-from asfm.frontend.matching.external_matches import Correspondences, judge_correspondences
+from asfm.frontend.matching.external_matches import ExternalMatches, filter_external_matches
 from asfm.frontend.matching.pair_matching import match_with_previous
 from asfm.frontend.matching.patch_alignment import align_matches
 from asfm.frontend.tracking.association import associate
 from asfm.frontend.tracking.guided_matching import add_matches, rematch
 from asfm.frontend.tracking.track_builder import build_tracks, share_changed
 from asfm.frontend.tracking.triangulated_tracks import SolvedTracks
-from asfm.geometry.elevation_arcs import PredictedPoses
+from asfm.geometry.elevation_arcs import PosePrediction
 from asfm.navigation.duplicate_frames import drop_repeats
 from asfm.navigation.odometry_hypotheses import list_sightings
 from asfm.pipeline.loop_closure import find_loops
@@ -54,7 +54,7 @@ def reconstruct(
     config: Config,
     recorder: Recorder | None = None,
     progress: Progress = no_progress,
-    given: Correspondences | None = None,
+    given: ExternalMatches | None = None,
 ) -> Run:
     """Reconstruct trajectory and landmarks of a sequence.
 
@@ -85,7 +85,7 @@ def reconstruct(
 
 
 def extract(
-    sequence: Sequence, config: Config, recorder: Recorder, clock: StageClock, given: Correspondences | None = None
+    sequence: Sequence, config: Config, recorder: Recorder, clock: StageClock, given: ExternalMatches | None = None
 ) -> tuple[list[Keypoints], list[Matches]]:
     """Turn images into keypoints, and pairs of frames into candidate matches. Two images are in memory at a time."""
 
@@ -105,7 +105,7 @@ def extract(
             if given is None:
                 matches = match_with_previous(frame.index, keypoints, config, sequence.sonar, predicted)
             else:
-                matches = judge_correspondences(given, frame.index, keypoints, config, sequence.sonar, predicted)
+                matches = filter_external_matches(given, frame.index, keypoints, config, sequence.sonar, predicted)
             matches = align_matches(matches, keypoints, sequence.sonar, config)
             candidates += matches
             recorder.record_frame(frame, mask, keypoints[-1])
@@ -122,13 +122,13 @@ def extract(
     return keypoints, candidates
 
 
-def predict_poses(sequence: Sequence, config: Config) -> PredictedPoses | None:
+def predict_poses(sequence: Sequence, config: Config) -> PosePrediction | None:
     """Predict the sonar's poses from the odometry before the images are looked at; None without odometry."""
     start = start_from_odometry(sequence, config)
     if start is None:
         return None
     noise, lever_m = sequence.noise, float(np.linalg.norm(sequence.vehicle_from_sonar[:3, 3]))
-    return PredictedPoses(
+    return PosePrediction(
         start.world_from_vehicle @ sequence.vehicle_from_sonar,
         noise.odometry_rotation_rad,
         float(np.hypot(noise.odometry_translation_m, lever_m * noise.odometry_rotation_rad)),
@@ -261,6 +261,6 @@ def conclude(
 
 
 def _forget_patches(keypoints: list[Keypoints], index: int) -> None:
-    """Let go of the squares of a frame that no later frame is matched with."""
+    """Let go of the patches of a frame that no later frame is matched with."""
     if index >= 0:
         keypoints[index] = keypoints[index].without_patches()

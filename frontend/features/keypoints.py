@@ -1,4 +1,4 @@
-"""Features inside the mask, with their places in the polar image and the squares around them."""
+"""Features inside the mask, with their places in the polar image and the patches around them."""
 
 from dataclasses import replace
 
@@ -38,7 +38,7 @@ def detect_keypoints(frame: Frame, mask: BoolArray, sonar: SonarModel, config: C
         frame: image of shape (ranges, beams), of any gain; integers are taken for what they are.
         mask: (ranges, beams) where features may lie.
         sonar: the pixel grid.
-        config: section ``keypoints`` and the radius of the squares are read.
+        config: section ``keypoints`` and the radius of the patches are read.
 
     Raises:
         AsfmError: image, mask and sonar differ in shape, or the image holds a value that is not finite.
@@ -74,7 +74,7 @@ def warp_image(frame: Frame, sonar: SonarModel, config: Config) -> Picture:
 
 
 def cut_keypoint_patches(frame: Frame, keypoints: Keypoints, sonar: SonarModel, config: Config) -> Keypoints:
-    """Give keypoints found elsewhere the squares of the picture around them.
+    """Give keypoints found elsewhere the patches of the picture around them.
 
     Raises:
         AsfmError: image and sonar differ in shape, or the image or a place is not finite.

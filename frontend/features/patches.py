@@ -7,15 +7,15 @@ from asfm.types import FloatArray, ImageArray, IntArray
 
 
 def cut_patches(image: ImageArray, row_column: FloatArray, radius_px: int) -> ImageArray:
-    """Cut the square around the pixel that holds each keypoint.
+    """Cut the patch around the pixel that holds each keypoint.
 
     Beyond the border the image goes on mirrored about its outermost pixels, as often as it takes. A keypoint outside
-    the image takes the nearest pixel's square.
+    the image takes the nearest pixel's patch.
 
     Args:
         image: (H, W).
         row_column: (K, 2) fractional row and column, pixel centres at +0.5.
-        radius_px: half-size r of the squares.
+        radius_px: half-size r of the patches.
 
     Returns:
         (K, 2r+1, 2r+1) float32 copies.
@@ -36,7 +36,7 @@ def cut_patches(image: ImageArray, row_column: FloatArray, radius_px: int) -> Im
 
 
 def crop_patches(patches: ImageArray, radius_px: int) -> ImageArray:
-    """Give the middle of (K, N, N) squares: (K, 2r+1, 2r+1); all of it where the squares are smaller."""
+    """Give the middle of (K, N, N) patches: (K, 2r+1, 2r+1); all of it where the patches are smaller."""
     margin = max((patches.shape[1] - 1) // 2 - radius_px, 0)
     return patches[:, margin : patches.shape[1] - margin, margin : patches.shape[2] - margin]
 

@@ -13,11 +13,11 @@ from scipy.stats import binom
 
 from asfm.config import Config
 from asfm.frontend.loops.keypoint_tracks import TrackedKeypoints
-from asfm.frontend.matching.filters import Pair, difference_sigma, filter_matches
-from asfm.frontend.matching.nearest import find_nearest
-from asfm.frontend.matching.pairwise_consistency import find_length_outliers
+from asfm.frontend.matching.filters import FramePair, difference_sigma, filter_matches
+from asfm.frontend.matching.nearest import find_nearest_neighbours
+from asfm.frontend.matching.pairwise_consistency import find_distance_outliers
 from asfm.frontend.matching.planar_ransac import find_planar_outliers, place_in_plane
-from asfm.geometry.elevation_arcs import PredictedPoses, arc_residuals, distance_from_arcs, near_arcs, see_arcs
+from asfm.geometry.elevation_arcs import PosePrediction, arc_box_candidates, arc_distances, arc_residuals, project_arcs
 from asfm.geometry.poses import invert
 from asfm.geometry.sonar import SonarModel, back_project
 from asfm.types import BoolArray, FloatArray, Keypoints, Matches
@@ -58,7 +58,7 @@ def verify_loop(
     matches: Matches,
     keypoints: Sequence[Keypoints],
     sonar: SonarModel,
-    predicted: PredictedPoses,
+    predicted: PosePrediction,
     tracked: TrackedKeypoints,
     config: Config,
 ) -> Verdict:
@@ -66,18 +66,20 @@ def verify_loop(
 
     Args:
         matches: that the usual filters let pass.
-        keypoints: those of every frame; the pair's have their squares.
+        keypoints: those of every frame; the pair's have their patches.
         sonar: the aperture and the noise.
         predicted: where the frames are, with this pair's uncertainty.
         tracked: which landmark each keypoint shows, as far as known.
         config: section ``loops``, and those of matching and noise.
     """
     settings, a, b = config.loops, keypoints[matches.frame_a], keypoints[matches.frame_b]
-    sigma = predicted.spread(matches.frame_a, matches.frame_b, a.range_m, difference_sigma(sonar, config.noise))
-    arcs = see_arcs(sonar, predicted.relate(matches.frame_a, matches.frame_b), _pixels(a))
+    sigma = predicted.predicted_sigma(
+        matches.frame_a, matches.frame_b, a.range_m, difference_sigma(sonar, config.noise)
+    )
+    arcs = project_arcs(sonar, predicted.relative_pose(matches.frame_a, matches.frame_b), _pixels(a))
     tried = len(matches) + sum(count for name, count in matches.count_rejected().items() if name not in OF_DESCRIPTORS)
     of_a, of_b = matches.index.T
-    far = distance_from_arcs(arcs[of_a], _pixels(b)[of_b], sigma[of_a]) > config.matching.arc_gate
+    far = arc_distances(arcs[of_a], _pixels(b)[of_b], sigma[of_a]) > config.matching.arc_gate
     matches = matches.reject(far, "arc")
     matches = matches.reject(_find_other_lengths(matches, a, b, sonar, config), "length")
     if len(matches) < settings.min_matches:
@@ -86,7 +88,7 @@ def verify_loop(
     matches = matches.reject(disagrees, "planar")
     if len(matches) < settings.min_matches:
         return _reject(matches, "matches")
-    near = near_arcs(arcs, _pixels(b), config.matching.arc_gate * sigma)
+    near = arc_box_candidates(arcs, _pixels(b), config.matching.arc_gate * sigma)
     beside = _find_beside(matches, a, b, motion, _tolerance(b, sonar, config))
     alarms = log_false_alarms(tried, len(matches), beside)
     if alarms > settings.max_log_alarms * UNSURE:
@@ -149,7 +151,7 @@ def _find_other_lengths(matches: Matches, a: Keypoints, b: Keypoints, sonar: Son
     of_a, of_b = matches.index.T
     sigma = difference_sigma(sonar, config.noise)
     slack_m = 2 * np.hypot(sigma[0], sigma[1] * b.range_m[of_b])
-    return find_length_outliers(_pixels(a)[of_a], _pixels(b)[of_b], sonar.elevation_aperture_rad, slack_m)
+    return find_distance_outliers(_pixels(a)[of_a], _pixels(b)[of_b], sonar.elevation_aperture_rad, slack_m)
 
 
 def _fit_motion(
@@ -180,7 +182,7 @@ def _count_rivals(
     if not allowed.any():
         return 0
     matching = config.matching.model_copy(update={"filters": RIVAL_FILTERS})
-    rival = Pair(a, b, find_nearest(a, b, allowed), sonar)
+    rival = FramePair(a, b, find_nearest_neighbours(a, b, allowed), sonar)
     return len(
         filter_matches(rival, matches.frame_a, matches.frame_b, config.model_copy(update={"matching": matching}))
     )
@@ -209,10 +211,10 @@ def _cover(matches: Matches, a: Keypoints, b: Keypoints, motion: FloatArray) -> 
     return min(shares)
 
 
-def _disagree(matches: Matches, b: Keypoints, motion: FloatArray, predicted: PredictedPoses) -> FloatArray:
+def _disagree(matches: Matches, b: Keypoints, motion: FloatArray, predicted: PosePrediction) -> FloatArray:
     """Give the mean (2,) by which the motion in the plane moves the matches elsewhere than the prediction does."""
     of_b = matches.index[:, 1]
-    a_from_b = predicted.relate(matches.frame_b, matches.frame_a)
+    a_from_b = predicted.relative_pose(matches.frame_b, matches.frame_a)
     points = back_project(b.range_m[of_b], b.bearing_rad[of_b], 0.0)
     found = points @ motion[:3, :3].T + motion[:3, 3]
     return np.asarray((found - points @ a_from_b[:3, :3].T - a_from_b[:3, 3])[:, :2].mean(axis=0))

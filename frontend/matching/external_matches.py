@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from asfm.config import Config
-from asfm.frontend.matching.filters import Pair, difference_sigma, filter_matches
-from asfm.frontend.matching.nearest import Nearest
-from asfm.geometry.elevation_arcs import PredictedPoses, see_arcs
+from asfm.frontend.matching.filters import FramePair, difference_sigma, filter_matches
+from asfm.frontend.matching.nearest import NearestNeighbours
+from asfm.geometry.elevation_arcs import PosePrediction, project_arcs
 from asfm.geometry.sonar import SonarModel
 from asfm.types import Keypoints, Matches
 
@@ -17,11 +17,11 @@ OF_DESCRIPTORS = ("mutual", "ratio")
 
 
 @dataclass(frozen=True)
-class Correspondences:
+class ExternalMatches:
     """What somebody else's detector and matcher found in a whole sequence."""
 
     keypoints: tuple[Keypoints, ...]
-    """One a frame, without squares."""
+    """One a frame, without patches."""
     matches: tuple[Matches, ...]
     """frame_a comes before frame_b; no two of one pair of frames."""
 
@@ -35,13 +35,13 @@ class Correspondences:
         return sorted((match for match in self.matches if match.frame_b == frame), key=lambda match: -match.frame_a)
 
 
-def judge_correspondences(
-    correspondences: Correspondences,
+def filter_external_matches(
+    correspondences: ExternalMatches,
     frame: int,
     keypoints: Sequence[Keypoints],
     config: Config,
     sonar: SonarModel,
-    predicted: PredictedPoses | None = None,
+    predicted: PosePrediction | None = None,
 ) -> list[Matches]:
     """Let the filters of ``matching.filters`` judge the matches of a frame with those before it, nearest first.
 
@@ -50,7 +50,7 @@ def judge_correspondences(
 
     Args:
         frame: the later frame of each pair.
-        keypoints: those of frames 0..frame, with their squares.
+        keypoints: those of frames 0..frame, with their patches.
         sonar: the pixel grid.
         predicted: the arc filter passes everything without.
     """
@@ -59,12 +59,14 @@ def judge_correspondences(
     judged = []
     for match in correspondences.with_previous(frame):
         a, b = keypoints[match.frame_a], keypoints[match.frame_b]
-        nearest = Nearest(match.index, match.cost, np.ones(len(match), dtype=bool))
-        pair = Pair(a, b, nearest, sonar)
+        nearest = NearestNeighbours(match.index, match.cost, np.ones(len(match), dtype=bool))
+        pair = FramePair(a, b, nearest, sonar)
         if predicted is not None:
-            sigma = predicted.spread(match.frame_a, match.frame_b, a.range_m, difference_sigma(sonar, config.noise))
+            sigma = predicted.predicted_sigma(
+                match.frame_a, match.frame_b, a.range_m, difference_sigma(sonar, config.noise)
+            )
             pixel_a = np.stack([a.range_m, a.bearing_rad], axis=1)
-            arcs = see_arcs(sonar, predicted.relate(match.frame_a, match.frame_b), pixel_a)
-            pair = Pair(a, b, nearest, sonar, arcs, sigma)
+            arcs = project_arcs(sonar, predicted.relative_pose(match.frame_a, match.frame_b), pixel_a)
+            pair = FramePair(a, b, nearest, sonar, arcs, sigma)
         judged.append(filter_matches(pair, match.frame_a, match.frame_b, config))
     return judged

@@ -10,22 +10,22 @@ from numpy.typing import NDArray
 from asfm.config import Config, NoiseConfig
 from asfm.errors import AsfmError
 from asfm.frontend.features.patches import crop_patches
-from asfm.frontend.matching.nearest import Nearest
-from asfm.frontend.matching.pairwise_consistency import find_length_outliers
+from asfm.frontend.matching.nearest import NearestNeighbours
+from asfm.frontend.matching.pairwise_consistency import find_distance_outliers
 from asfm.frontend.matching.planar_ransac import find_planar_outliers, place_in_plane
 from asfm.frontend.matching.ssl import structural_spatial_loss
-from asfm.geometry.elevation_arcs import distance_from_arcs
+from asfm.geometry.elevation_arcs import arc_distances
 from asfm.geometry.sonar import SonarModel, feature_sigma
 from asfm.types import BoolArray, FloatArray, IntArray, Keypoints, Matches
 
 
 @dataclass(frozen=True)
-class Pair:
+class FramePair:
     """What is known of two frames and of the matches proposed between them."""
 
     keypoints_a: Keypoints
     keypoints_b: Keypoints
-    nearest: Nearest
+    nearest: NearestNeighbours
     """(M,) matches, their ratios, and whether they are mutual."""
     sonar: SonarModel | None = None
     arcs: FloatArray | None = None
@@ -47,25 +47,25 @@ class Pair:
         a, b = (np.stack([frame.range_m[which], frame.bearing_rad[which]], axis=1) for frame, which in sides)
         return a, b
 
-    def take(self, which: BoolArray) -> "Pair":
+    def take(self, which: BoolArray) -> "FramePair":
         """Give the same pair with some of its matches."""
         old = self.nearest
-        nearest = Nearest(old.index[which], old.ratio[which], old.mutual[which])
-        return Pair(self.keypoints_a, self.keypoints_b, nearest, self.sonar, self.arcs, self.sigma)
+        nearest = NearestNeighbours(old.index[which], old.ratio[which], old.mutual[which])
+        return FramePair(self.keypoints_a, self.keypoints_b, nearest, self.sonar, self.arcs, self.sigma)
 
 
 NOBODY = np.zeros((0, 2), dtype=np.int32)
 
-Verdict = tuple[BoolArray, FloatArray]
+FilterResult = tuple[BoolArray, FloatArray]
 """(M,) which matches pass, (M,) what each match's cost rises by."""
 
 
-def filter_matches(pair: Pair, frame_a: int, frame_b: int, config: Config) -> Matches:
+def filter_matches(pair: FramePair, frame_a: int, frame_b: int, config: Config) -> Matches:
     """Filter the matches of one pair of frames. See :func:`filter_pairs`."""
     return filter_pairs([pair], [(frame_a, frame_b)], config)[0]
 
 
-def filter_pairs(pairs: Sequence[Pair], frames: Sequence[tuple[int, int]], config: Config) -> list[Matches]:
+def filter_pairs(pairs: Sequence[FramePair], frames: Sequence[tuple[int, int]], config: Config) -> list[Matches]:
     """Let the filters of ``matching.filters`` judge in their order, each only what those before it left.
 
     The cost of a match is its ratio and what the filters add to it: it ranks matches when tracks are built. Every
@@ -88,14 +88,14 @@ def filter_pairs(pairs: Sequence[Pair], frames: Sequence[tuple[int, int]], confi
     ]
 
 
-def _judge(name: str, pairs: Sequence[Pair], config: Config) -> list[Verdict]:
-    """Ask one filter about every pair; the structural-and-spatial loss looks at all squares at once."""
+def _judge(name: str, pairs: Sequence[FramePair], config: Config) -> list[FilterResult]:
+    """Ask one filter about every pair; the structural-and-spatial loss looks at all patches at once."""
     if name != "ssl":
         return [FILTERS[name](pair, config) for pair in pairs]
     radius_px = config.ssl.radius_px
-    squares_a = np.concatenate([crop_patches(pair.keypoints_a.patches, radius_px)[pair.index[:, 0]] for pair in pairs])
-    squares_b = np.concatenate([crop_patches(pair.keypoints_b.patches, radius_px)[pair.index[:, 1]] for pair in pairs])
-    loss = structural_spatial_loss(squares_a, squares_b, config.ssl)
+    patches_a = np.concatenate([crop_patches(pair.keypoints_a.patches, radius_px)[pair.index[:, 0]] for pair in pairs])
+    patches_b = np.concatenate([crop_patches(pair.keypoints_b.patches, radius_px)[pair.index[:, 1]] for pair in pairs])
+    loss = structural_spatial_loss(patches_a, patches_b, config.ssl)
     ends = np.cumsum([len(pair) for pair in pairs])
     return [(part <= config.ssl.max_loss, part) for part in np.split(loss, ends[:-1])]
 
@@ -113,31 +113,31 @@ def _remember(
     return Matches(frame_a, frame_b, index, cost, np.concatenate([NOBODY, *rejected]), by, names)
 
 
-def filter_mutual(pair: Pair, config: Config) -> Verdict:
+def filter_mutual(pair: FramePair, config: Config) -> FilterResult:
     """Pass matches that are each other's nearest."""
     return pair.nearest.mutual, np.zeros(len(pair))
 
 
-def filter_ratio(pair: Pair, config: Config) -> Verdict:
+def filter_ratio(pair: FramePair, config: Config) -> FilterResult:
     """Pass matches clearly nearer than the second nearest (Lowe 2004)."""
     return pair.nearest.ratio <= config.matching.ratio, np.zeros(len(pair))
 
 
-def filter_ssl(pair: Pair, config: Config) -> Verdict:
+def filter_ssl(pair: FramePair, config: Config) -> FilterResult:
     """Pass matches whose surroundings look alike; their loss is added to their cost."""
     return _judge("ssl", [pair], config)[0]
 
 
-def filter_arc(pair: Pair, config: Config) -> Verdict:
+def filter_arc(pair: FramePair, config: Config) -> FilterResult:
     """Pass matches near their elevation arc under the predicted poses; all where nothing predicts them."""
     if pair.arcs is None or pair.sigma is None:
         return np.ones(len(pair), dtype=bool), np.zeros(len(pair))
     a = pair.index[:, 0]
-    residual = distance_from_arcs(pair.arcs[a], pair.pixels()[1], pair.sigma[a])
+    residual = arc_distances(pair.arcs[a], pair.pixels()[1], pair.sigma[a])
     return residual <= config.matching.arc_gate, np.zeros(len(pair))
 
 
-def filter_planar(pair: Pair, config: Config) -> Verdict:
+def filter_planar(pair: FramePair, config: Config) -> FilterResult:
     """Pass matches that agree on one planar motion, as far as noise and unknown elevations allow."""
     a, b = pair.index.T
     share = config.matching.planar_tolerance
@@ -149,7 +149,7 @@ def filter_planar(pair: Pair, config: Config) -> Verdict:
     return ~disagrees, np.zeros(len(pair))
 
 
-def filter_clique(pair: Pair, config: Config) -> Verdict:
+def filter_clique(pair: FramePair, config: Config) -> FilterResult:
     """Pass the largest set of matches whose lengths agree in pairs.
 
     Raises:
@@ -159,7 +159,7 @@ def filter_clique(pair: Pair, config: Config) -> Verdict:
         raise AsfmError("matching.filters: 'clique' needs the sonar's aperture; pass the sonar or leave 'clique' out")
     pixel_a, pixel_b = pair.pixels()
     slack_m = _position_noise(pair.sonar, pixel_b[:, 0], config)
-    outliers = find_length_outliers(pixel_a, pixel_b, pair.sonar.elevation_aperture_rad, slack_m)
+    outliers = find_distance_outliers(pixel_a, pixel_b, pair.sonar.elevation_aperture_rad, slack_m)
     return ~outliers, np.zeros(len(pair))
 
 
@@ -177,7 +177,7 @@ def _position_noise(sonar: SonarModel, range_m: FloatArray, config: Config) -> F
     return np.asarray(2.0 * np.hypot(sigma[0], sigma[1] * range_m))
 
 
-FILTERS: dict[str, Callable[[Pair, Config], Verdict]] = {
+FILTERS: dict[str, Callable[[FramePair, Config], FilterResult]] = {
     "mutual": filter_mutual,
     "ratio": filter_ratio,
     "ssl": filter_ssl,

@@ -1,4 +1,4 @@
-"""Nearest descriptors of two frames: Hamming distance of binary ones, Euclidean distance of others."""
+"""NearestNeighbours descriptors of two frames: Hamming distance of binary ones, Euclidean distance of others."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ Descriptors = NDArray[np.uint8] | NDArray[np.float32]
 
 
 @dataclass(frozen=True)
-class Nearest:
+class NearestNeighbours:
     """Each keypoint of frame a that has somebody to compare with, and its nearest keypoint of frame b."""
 
     index: IntArray
@@ -30,12 +30,14 @@ def match_keypoints(frame_a: Keypoints, frame_b: Keypoints, config: MatchingConf
     Returns:
         (M, 2) indices into frame_a and frame_b, and (M,) the ratio nearest / second nearest (smaller is surer).
     """
-    nearest = find_nearest(frame_a, frame_b)
+    nearest = find_nearest_neighbours(frame_a, frame_b)
     keep = nearest.mutual & (nearest.ratio <= config.ratio)
     return nearest.index[keep], nearest.ratio[keep]
 
 
-def find_nearest(frame_a: Keypoints, frame_b: Keypoints, allowed: BoolArray | None = None) -> Nearest:
+def find_nearest_neighbours(
+    frame_a: Keypoints, frame_b: Keypoints, allowed: BoolArray | None = None
+) -> NearestNeighbours:
     """Find the nearest descriptor of frame b for each of frame a, among those allowed.
 
     Where only one is allowed there is no second nearest: the one is then compared with the mean distance to everybody,
@@ -49,7 +51,7 @@ def find_nearest(frame_a: Keypoints, frame_b: Keypoints, allowed: BoolArray | No
         AsfmError: the descriptors are of two kinds or lengths.
     """
     if len(frame_a) < 2 or len(frame_b) < 2:
-        return Nearest(np.zeros((0, 2), dtype=np.int64), np.zeros(0), np.zeros(0, dtype=bool))
+        return NearestNeighbours(np.zeros((0, 2), dtype=np.int64), np.zeros(0), np.zeros(0, dtype=bool))
     distance = descriptor_distances(frame_a.descriptors, frame_b.descriptors)
     stranger = np.full(len(frame_a), np.inf, dtype=np.float32)
     if allowed is not None:
@@ -65,7 +67,7 @@ def find_nearest(frame_a: Keypoints, frame_b: Keypoints, allowed: BoolArray | No
     known = np.isfinite(first) & np.isfinite(second)
     first, second = first[known].astype(float), second[known].astype(float)
     ratio = np.where(second > first, first / np.where(second > 0, second, 1.0), 1.0)
-    return Nearest(np.stack([rows[known], nearest[known]], axis=1), ratio, mutual[known])
+    return NearestNeighbours(np.stack([rows[known], nearest[known]], axis=1), ratio, mutual[known])
 
 
 def descriptor_distances(descriptors_a: Descriptors, descriptors_b: Descriptors) -> NDArray[np.float32]:

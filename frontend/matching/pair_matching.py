@@ -5,9 +5,9 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from asfm.config import Config
-from asfm.frontend.matching.filters import Pair, difference_sigma, filter_pairs
-from asfm.frontend.matching.nearest import find_nearest
-from asfm.geometry.elevation_arcs import PredictedPoses, near_arcs, see_arcs
+from asfm.frontend.matching.filters import FramePair, difference_sigma, filter_pairs
+from asfm.frontend.matching.nearest import find_nearest_neighbours
+from asfm.geometry.elevation_arcs import PosePrediction, arc_box_candidates, project_arcs
 from asfm.geometry.sonar import SonarModel
 from asfm.types import Keypoints, Matches
 
@@ -23,7 +23,7 @@ def match_frames(
     keypoints: Sequence[Keypoints],
     config: Config,
     sonar: SonarModel | None = None,
-    predicted: PredictedPoses | None = None,
+    predicted: PosePrediction | None = None,
 ) -> Matches:
     """Match two frames: nearest descriptors, then the filters of ``matching.filters``.
 
@@ -41,7 +41,7 @@ def match_with_previous(
     keypoints: Sequence[Keypoints],
     config: Config,
     sonar: SonarModel | None = None,
-    predicted: PredictedPoses | None = None,
+    predicted: PosePrediction | None = None,
 ) -> list[Matches]:
     """Match a frame with each of the frames 1..max_gap before it, nearest first. See :func:`match_frames`."""
     earliest = max(0, frame - config.matching.max_gap)
@@ -54,7 +54,7 @@ def match_pairs(
     keypoints: Sequence[Keypoints],
     config: Config,
     sonar: SonarModel | None = None,
-    predicted: PredictedPoses | None = None,
+    predicted: PosePrediction | None = None,
 ) -> list[Matches]:
     """Match the pairs of frames (a, b) that somebody names, such as loops. See :func:`match_frames`."""
     named = list(pairs)
@@ -80,7 +80,11 @@ def _match_freely(
 ) -> list[Matches]:
     """Match without a prediction."""
     sides = [(keypoints[a], keypoints[b]) for a, b in pairs]
-    return filter_pairs([Pair(a, b, find_nearest(a, b), sonar) for a, b in sides], pairs, config) if sides else []
+    return (
+        filter_pairs([FramePair(a, b, find_nearest_neighbours(a, b), sonar) for a, b in sides], pairs, config)
+        if sides
+        else []
+    )
 
 
 def _propose_near(
@@ -90,11 +94,11 @@ def _propose_near(
     b: Keypoints,
     config: Config,
     sonar: SonarModel,
-    predicted: PredictedPoses,
-) -> Pair:
+    predicted: PosePrediction,
+) -> FramePair:
     """Find the nearest descriptors among keypoints near the predicted elevation arc."""
-    sigma = predicted.spread(frame_a, frame_b, a.range_m, difference_sigma(sonar, config.noise))
+    sigma = predicted.predicted_sigma(frame_a, frame_b, a.range_m, difference_sigma(sonar, config.noise))
     pixel_a, pixel_b = (np.stack([frame.range_m, frame.bearing_rad], axis=1) for frame in (a, b))
-    arcs = see_arcs(sonar, predicted.relate(frame_a, frame_b), pixel_a)
-    near = near_arcs(arcs, pixel_b, config.matching.arc_gate * sigma) if config.matching.guided else None
-    return Pair(a, b, find_nearest(a, b, near), sonar, arcs, sigma)
+    arcs = project_arcs(sonar, predicted.relative_pose(frame_a, frame_b), pixel_a)
+    near = arc_box_candidates(arcs, pixel_b, config.matching.arc_gate * sigma) if config.matching.guided else None
+    return FramePair(a, b, find_nearest_neighbours(a, b, near), sonar, arcs, sigma)

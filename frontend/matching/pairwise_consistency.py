@@ -27,7 +27,9 @@ def bound_lengths(range_m: FloatArray, bearing_rad: FloatArray, aperture_rad: fl
     return np.sqrt(np.maximum(least, 0.0)), np.sqrt(np.maximum(greatest, 0.0))
 
 
-def compare_lengths(pixel_a: FloatArray, pixel_b: FloatArray, aperture_rad: float, slack_m: FloatArray) -> BoolArray:
+def pairwise_distance_consistency(
+    pixel_a: FloatArray, pixel_b: FloatArray, aperture_rad: float, slack_m: FloatArray
+) -> BoolArray:
     """Tell which pairs of matches may be two points of one rigid scene: their lengths' bounds overlap.
 
     Args:
@@ -46,8 +48,11 @@ def compare_lengths(pixel_a: FloatArray, pixel_b: FloatArray, aperture_rad: floa
     return np.asarray(consistent)
 
 
-def find_length_outliers(
+def find_distance_outliers(
     pixel_a: FloatArray, pixel_b: FloatArray, aperture_rad: float, slack_m: FloatArray
 ) -> BoolArray:
-    """Find who is outside the largest set of matches whose lengths all agree: (M,). See :func:`compare_lengths`."""
-    return ~find_largest_clique(compare_lengths(pixel_a, pixel_b, aperture_rad, slack_m))
+    """Find the (M,) matches outside the largest set whose distances all agree.
+
+    See :func:`pairwise_distance_consistency`.
+    """
+    return ~find_largest_clique(pairwise_distance_consistency(pixel_a, pixel_b, aperture_rad, slack_m))

@@ -1,7 +1,7 @@
 """Alignment: where the second frame shows what surrounds a keypoint of the first, and how surely.
 
 A detector puts a feature where its own response peaks. Speckle moves that peak, and along an edge little holds it. The
-squares around the two keypoints of a match tell better, and they tell how well: an edge leaves its own direction open,
+patches around the two keypoints of a match tell better, and they tell how well: an edge leaves its own direction open,
 a flat or much changed neighbourhood leaves both.
 """
 
@@ -22,28 +22,28 @@ from asfm.types import FloatArray, ImageArray, Keypoints, Matches
 LEAST_CONTRAST = 1e-6
 """Standard deviation below which a square counts as flat."""
 LEAST_INFORMATION = 1e-4
-"""Information that even a flat square is said to hold about a shift in pixels: its sigma is 100 at most."""
+"""Information that even a flat patch is said to hold about a shift in pixels: its sigma is 100 at most."""
 FAR_PX = 3.0
-"""A longer step than this leaves the range in which one step is right: the square then tells nothing."""
+"""A longer step than this leaves the range in which one step is right: the patch then tells nothing."""
 
 
-def align_squares(squares_a: ImageArray, squares_b: ImageArray, noise_area_px: float) -> tuple[FloatArray, FloatArray]:
-    """Find the shift that carries each square of frame a onto its partner of frame b, to fractions of a pixel.
+def align_patches(patches_a: ImageArray, patches_b: ImageArray, noise_area_px: float) -> tuple[FloatArray, FloatArray]:
+    """Find the shift that carries each patch of frame a onto its partner of frame b, to fractions of a pixel.
 
-    One step of efficient second-order minimisation (Benhimane and Malis 2004): the squares, brought to mean 0 and
+    One step of efficient second-order minimisation (Benhimane and Malis 2004): the patches, brought to mean 0 and
     standard deviation 1, differ by the mean of their gradients times the shift, to second order. Right for shifts of
     half the picture's grain or less, as matched keypoints have. The covariance is that of least squares, from what the
     shift leaves unexplained.
 
     Args:
-        squares_a: (M, N, N), N at least 3.
-        squares_b: (M, N, N).
+        patches_a: (M, N, N), N at least 3.
+        patches_b: (M, N, N).
         noise_area_px: pixels over which the noise of the image is alike.
 
     Returns:
         (M, 2) rows and columns by which things lie further in b than in a, (M, 2, 2) its covariance in pixels squared.
     """
-    a, b = _standardise(squares_a), _standardise(squares_b)
+    a, b = _standardise(patches_a), _standardise(patches_b)
     total, difference = a + b, (a - b)[:, 1:-1, 1:-1]
     along_rows = 0.25 * (total[:, 2:, 1:-1] - total[:, :-2, 1:-1])
     along_columns = 0.25 * (total[:, 1:-1, 2:] - total[:, 1:-1, :-2])
@@ -61,13 +61,13 @@ def align_squares(squares_a: ImageArray, squares_b: ImageArray, noise_area_px: f
 def align_matches(
     matches: Sequence[Matches], keypoints: Sequence[Keypoints], sonar: SonarModel, config: Config
 ) -> list[Matches]:
-    """Tell where each match's second keypoint truly lies, as its surroundings say, and reject what slides.
+    """Tell where each match's second keypoint truly lies, as its surroundings say, and reject what unlocalised.
 
     Args:
-        matches: of pairs of frames whose keypoints still have their squares.
+        matches: of pairs of frames whose keypoints still have their patches.
         keypoints: those of every frame.
         sonar: the pixel grid.
-        config: section ``localisation``, and what the squares were cut from.
+        config: section ``localisation``, and what the patches were cut from.
     """
     image_warp, settings = make_image_warp(sonar, config.keypoints), config.localisation
     filled = [number for number, match in enumerate(matches) if len(match)]
@@ -75,25 +75,25 @@ def align_matches(
     if not filled or not settings.radius_px:
         return aligned
     sides = [_gather(matches[number], keypoints, image_warp, settings.radius_px) for number in filled]
-    squares_a, squares_b, xy_a_px, xy_b_px = (np.concatenate(parts) for parts in zip(*sides, strict=True))
-    shift, covariance = align_squares(squares_a, squares_b, _noise_area(config))
+    patches_a, patches_b, xy_a_px, xy_b_px = (np.concatenate(parts) for parts in zip(*sides, strict=True))
+    shift, covariance = align_patches(patches_a, patches_b, _noise_area(config))
     moved = shift[:, ::-1] + (xy_a_px - np.floor(xy_a_px)) - (xy_b_px - np.floor(xy_b_px))
     near = np.hypot(*moved.T) <= FAR_PX
     moved = np.where(near[:, None], moved, 0.0)
     floor_px = settings.floor_px or DETECTORS[config.keypoints.detector].floor_px
-    covariance = settings.spread_factor**2 * covariance[:, ::-1, ::-1] + floor_px**2 * np.eye(2)
+    covariance = settings.sigma_scale**2 * covariance[:, ::-1, ::-1] + floor_px**2 * np.eye(2)
     place, sigma = _measure_in_polar(xy_b_px, moved, covariance, image_warp, sonar)
-    slides = ~near | (np.sqrt(np.linalg.eigvalsh(covariance)[:, -1]) > settings.max_sigma_px)
+    unlocalised = ~near | (np.sqrt(np.linalg.eigvalsh(covariance)[:, -1]) > settings.max_sigma_px)
     ends = np.cumsum([len(matches[number]) for number in filled])[:-1]
-    for number, *parts in zip(filled, *(np.split(value, ends) for value in (place, sigma, slides)), strict=True):
-        aligned[number] = replace(matches[number], aligned=parts[0], sigma=parts[1]).reject(parts[2], "slide")
+    for number, *parts in zip(filled, *(np.split(value, ends) for value in (place, sigma, unlocalised)), strict=True):
+        aligned[number] = replace(matches[number], aligned=parts[0], sigma=parts[1]).reject(parts[2], "unlocalised")
     return aligned
 
 
 def _gather(
     match: Matches, keypoints: Sequence[Keypoints], image_warp: ImageWarp, radius_px: int
 ) -> tuple[ImageArray, ImageArray, FloatArray, FloatArray]:
-    """Give the squares and the places in the picture of both sides of a pair's matches."""
+    """Give the patches and the places in the picture of both sides of a pair's matches."""
     a, b = keypoints[match.frame_a], keypoints[match.frame_b]
     of_a, of_b = match.index.T
     return (
@@ -105,13 +105,13 @@ def _gather(
 
 
 def _dot(a: NDArray[Any], b: NDArray[Any]) -> FloatArray:
-    """Sum the products of (M, N, N) squares: (M,)."""
+    """Sum the products of (M, N, N) patches: (M,)."""
     return np.asarray(np.einsum("mij,mij->m", a, b), dtype=float)
 
 
-def _standardise(squares: ImageArray) -> ImageArray:
-    centred = squares - squares.mean(axis=(1, 2), keepdims=True)
-    contrast = np.sqrt(_dot(centred, centred) / max(squares.shape[1] * squares.shape[2], 1))
+def _standardise(patches: ImageArray) -> ImageArray:
+    centred = patches - patches.mean(axis=(1, 2), keepdims=True)
+    contrast = np.sqrt(_dot(centred, centred) / max(patches.shape[1] * patches.shape[2], 1))
     centred *= (1 / np.maximum(contrast, LEAST_CONTRAST)).astype(np.float32)[:, None, None]
     return np.asarray(centred, dtype=np.float32)
 

@@ -38,7 +38,7 @@ def find_planar_outliers(
 
 
 def pick_surest_pairs(cost: FloatArray, count: int = SUREST) -> IntArray:
-    """Pair up the surest of (M,) matches, each with each: (T, 2)."""
+    """FramePair up the surest of (M,) matches, each with each: (T, 2)."""
     surest = np.argsort(cost, kind="stable")[:count]
     first, second = _every_pair(len(surest))
     return np.stack([surest[first], surest[second]], axis=1)

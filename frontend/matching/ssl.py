@@ -1,7 +1,7 @@
 """The structural-and-spatial loss: do two keypoints' surroundings look alike?
 
-Structural: one minus the structural similarity of the two squares (Wang et al. 2004). Spatial: the distance of the
-vectors (mean of each column, mean of each row, mean of the square). Both lie in 0..1 and add up with their weights.
+Structural: one minus the structural similarity of the two patches (Wang et al. 2004). Spatial: the distance of the
+vectors (mean of each column, mean of each row, mean of the patch). Both lie in 0..1 and add up with their weights.
 """
 
 import threading
@@ -15,9 +15,9 @@ from asfm.errors import AsfmError
 from asfm.types import FloatArray, ImageArray
 
 WINDOW_PX = 7
-"""Width of the windows whose similarities are averaged (less where the square is smaller)."""
+"""Width of the windows whose similarities are averaged (less where the patch is smaller)."""
 CHUNK_PRODUCTS = 1 << 19
-"""Products of one step: as many squares at once as fit the cache, few enough for BLAS to stay on one thread."""
+"""Products of one step: as many patches at once as fit the cache, few enough for BLAS to stay on one thread."""
 STABILISERS = (0.01**2, 0.03**2)
 """C1 and C2 of the structural similarity for values in 0..1."""
 
@@ -26,14 +26,14 @@ Columns = NDArray[np.float32]
 
 
 def structural_spatial_loss(patches_a: Patches, patches_b: Patches, config: SslConfig) -> FloatArray:
-    """Compare the squares around matched keypoints; small where they look alike.
+    """Compare the patches around matched keypoints; small where they look alike.
 
-    Each square is first stretched to 0..1 by its own darkest and brightest pixel (a flat square becomes all zero), so
+    Each patch is first stretched to 0..1 by its own darkest and brightest pixel (a flat patch becomes all zero), so
     gain and offset do not matter. A term of weight zero is not computed.
 
     Args:
-        patches_a: (M, 2r+1, 2r+1) squares of the first frame, finite, in any unit.
-        patches_b: (M, 2r+1, 2r+1) squares of the second frame.
+        patches_a: (M, 2r+1, 2r+1) patches of the first frame, finite, in any unit.
+        patches_b: (M, 2r+1, 2r+1) patches of the second frame.
         config: weights of the two terms.
 
     Returns:
@@ -52,7 +52,7 @@ def structural_spatial_loss(patches_a: Patches, patches_b: Patches, config: SslC
 
 
 def compare_stretched(stretched_a: ImageArray, stretched_b: ImageArray, config: SslConfig) -> FloatArray:
-    """Compare squares that :func:`stretch_patches` has stretched: once a keypoint, however many matches it has.
+    """Compare patches that :func:`stretch_patches` has stretched: once a keypoint, however many matches it has.
 
     Arguments and result are those of :func:`structural_spatial_loss`; nothing is checked.
     """
@@ -60,7 +60,7 @@ def compare_stretched(stretched_a: ImageArray, stretched_b: ImageArray, config: 
 
 
 def stretch_patches(patches: Patches) -> ImageArray:
-    """Stretch each of (M, N, N) squares to 0..1; a flat one becomes zero. (M, N, N) float32."""
+    """Stretch each of (M, N, N) patches to 0..1; a flat one becomes zero. (M, N, N) float32."""
     flat = patches.reshape(len(patches), patches.shape[1] ** 2)
     stretched = (flat - flat.min(axis=1, keepdims=True)).astype(np.float32, copy=False)
     span = stretched.max(axis=1, keepdims=True)
@@ -75,7 +75,7 @@ class _Memory(threading.local):
         self.length, self.count = 0, 0
 
     def fit(self, length: int, count: int) -> None:
-        """Make room for squares of ``length`` pixels' side, ``count`` at once."""
+        """Make room for patches of ``length`` pixels' side, ``count`` at once."""
         if length == self.length and count <= self.count:
             return
         self.length, self.count, self.width = length, count, min(WINDOW_PX, length)
@@ -125,10 +125,10 @@ def _lay_columns(patches: Patches, stretched: bool, out: Columns) -> Columns:
 
 
 def _structural_term(total: Columns, difference: Columns) -> FloatArray:
-    """Dissimilarity (1 - SSIM) / 2 in 0..1 of squares a and b of values in 0..1, from (N * N, M) a + b and a - b. (M,).
+    """Dissimilarity (1 - SSIM) / 2 in 0..1 of patches a and b of values in 0..1, from (N * N, M) a + b and a - b. (M,).
 
     SSIM is the mean of (2 ab + C1) (2 cov + C2) / ((aa + bb + C1) (var_a + var_b + C2)), a and b being means, over all
-    windows of 7 x 7 pixels inside the square, with unbiased variances: here a factor that C2 is divided by instead.
+    windows of 7 x 7 pixels inside the patch, with unbiased variances: here a factor that C2 is divided by instead.
     With s = a + b and d = a - b, 4 ab is ss - dd, 2 (aa + bb) is ss + dd, and so are the covariance and variances.
     """
     count = total.shape[1]
@@ -163,14 +163,14 @@ def _average_windows(pixels: FloatArray, out: FloatArray) -> None:
 
 
 def _spatial_term(difference: Columns) -> FloatArray:
-    """Distance in 0..1 of how two squares of values in 0..1 spread their brightness, from (N * N, M) a - b. (M,).
+    """Distance in 0..1 of how two patches of values in 0..1 spread their brightness, from (N * N, M) a - b. (M,).
 
     The vectors (N column means, N row means, mean of all) lie in a cube of side 1, so their Euclidean distance is
     divided by its diagonal, sqrt(2 N + 1).
     """
     length = round(len(difference) ** 0.5)
-    squares = difference.reshape(length, length, -1)
-    columns, rows = squares.mean(axis=0), squares.mean(axis=1)
+    patches = difference.reshape(length, length, -1)
+    columns, rows = patches.mean(axis=0), patches.mean(axis=1)
     squared = (columns * columns).sum(axis=0) + (rows * rows).sum(axis=0) + columns.mean(axis=0) ** 2
     return np.asarray(np.sqrt(squared / (2 * length + 1)), dtype=np.float64)
 
@@ -179,7 +179,7 @@ def _check_shapes(patches_a: Patches, patches_b: Patches) -> None:
     shape = patches_a.shape
     if shape != patches_b.shape or len(shape) != 3 or shape[1] != shape[2] or shape[1] == 0:
         raise AsfmError(
-            f"structural-and-spatial loss: expected two stacks of equal squares, found {shape} and {patches_b.shape}"
+            f"structural-and-spatial loss: expected two stacks of equal patches, found {shape} and {patches_b.shape}"
         )
 
 
@@ -190,4 +190,4 @@ def _check_finite(patches_a: Patches, patches_b: Patches) -> None:
             finite = np.isfinite(patches.astype(np.float32)).all(axis=(1, 2))
         if not finite.all():
             bad = int(np.flatnonzero(~finite)[0])
-            raise AsfmError(f"structural-and-spatial loss: square {bad} of the {name} frame holds pixels not finite")
+            raise AsfmError(f"structural-and-spatial loss: patch {bad} of the {name} frame holds pixels not finite")

@@ -16,7 +16,7 @@ from asfm.datasets.hloc.features_matches import read_hloc, write_hloc
 from asfm.datasets.hloc.image_names import ImageNames, name_images
 from asfm.datasets.native.writer import write_native
 from asfm.errors import AsfmError
-from asfm.frontend.matching.external_matches import Correspondences
+from asfm.frontend.matching.external_matches import ExternalMatches
 from asfm.geometry.sonar import SonarModel
 from asfm.pipeline.reconstruction import extract, reconstruct
 from asfm.recorder import NullRecorder
@@ -62,7 +62,7 @@ def files(tmp_path: Path) -> tuple[Path, Path]:
     return paths
 
 
-def read(files: tuple[Path, Path], names: ImageNames = NAMES) -> Correspondences:
+def read(files: tuple[Path, Path], names: ImageNames = NAMES) -> ExternalMatches:
     return read_hloc(*files, make_sequence(), names)
 
 

@@ -6,7 +6,7 @@ import pytest
 from asfm.backend.estimation.solution import Solution
 from asfm.config import Config
 from asfm.config_file import load_config
-from asfm.frontend.matching.external_matches import Correspondences
+from asfm.frontend.matching.external_matches import ExternalMatches
 from asfm.frontend.tracking.triangulated_tracks import SolvedTracks
 from asfm.pipeline.reconstruction import extract, initialise, optimise, reconstruct
 from asfm.recorder import NullRecorder
@@ -68,6 +68,6 @@ def test_given_matches_stay_alone(
         return []
 
     monkeypatch.setattr("asfm.pipeline.reconstruction.rematch", remember)
-    given = Correspondences(tuple(frame.without_patches() for frame in keypoints), tuple(candidates))
+    given = ExternalMatches(tuple(frame.without_patches() for frame in keypoints), tuple(candidates))
     reconstruct(sequence, load_config(None, ("backend.rounds=2",)), given=given)
     assert windows == [0]

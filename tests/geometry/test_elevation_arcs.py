@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from asfm.evaluation.arc_consistency import fits_arc
-from asfm.geometry.elevation_arcs import PredictedPoses, arc_residuals, near_arcs, see_arcs
+from asfm.geometry.elevation_arcs import PosePrediction, arc_box_candidates, arc_residuals, project_arcs
 from asfm.geometry.poses import make_pose, transform
 from asfm.geometry.sonar import SonarModel, back_project, project
 from asfm.types import FloatArray
@@ -134,7 +134,7 @@ def test_whoever_is_near_the_arc_is_near_its_box(seed: int) -> None:
     _, pixel_a, _ = scene(rng, 40)
     _, pixel_b, _ = scene(rng, 50)
     reach = np.tile(3 * SIGMA, (40, 1))
-    near = near_arcs(see_arcs(SONAR, b_from_a[0], pixel_a), pixel_b, reach)
+    near = arc_box_candidates(project_arcs(SONAR, b_from_a[0], pixel_a), pixel_b, reach)
     a, b = (index.ravel() for index in np.indices((40, 50)))
     residual = arc_residuals(SONAR, b_from_a.repeat(2000, 0), pixel_a[a], pixel_b[b], SIGMA)
     assert near.ravel()[residual < 2.9].all()
@@ -143,9 +143,9 @@ def test_whoever_is_near_the_arc_is_near_its_box(seed: int) -> None:
 
 def test_a_prediction_is_less_sure_over_larger_gaps_and_at_short_range() -> None:
     poses = make_pose(np.zeros((9, 3)), Rotation.identity(9))
-    predicted = PredictedPoses(poses, step_rotation_rad=0.01, step_translation_m=0.03)
+    predicted = PosePrediction(poses, step_rotation_rad=0.01, step_translation_m=0.03)
     range_m = np.array([1.0, 6.0])
-    none, one, four = (predicted.spread(0, gap, range_m, SIGMA) for gap in (0, 1, 4))
+    none, one, four = (predicted.predicted_sigma(0, gap, range_m, SIGMA) for gap in (0, 1, 4))
     np.testing.assert_allclose(none, np.tile(SIGMA, (2, 1)))
     np.testing.assert_allclose(four**2 - none**2, 4 * (one**2 - none**2))
     np.testing.assert_allclose(one[:, 0], np.hypot(0.03, SIGMA[0]))
@@ -161,8 +161,8 @@ def test_points_drift_as_far_as_the_prediction_says() -> None:
     moved = np.tile(point, (4000, 1))
     for step in range(4):
         moved = transform(steps[:, step], moved)
-    predicted = PredictedPoses(np.eye(4)[None].repeat(5, 0), 0.01, 0.03)
-    stated = predicted.spread(0, 4, np.array([4.0]), np.zeros(2))[0]
+    predicted = PosePrediction(np.eye(4)[None].repeat(5, 0), 0.01, 0.03)
+    stated = predicted.predicted_sigma(0, 4, np.array([4.0]), np.zeros(2))[0]
     np.testing.assert_allclose((pixels(moved) - [4.0, 0.3]).std(axis=0), stated, rtol=0.05)
 
 
@@ -172,7 +172,7 @@ def test_arcs_are_seen_where_their_points_are(turn_rad: float) -> None:
     rng = np.random.default_rng(6)
     pixel_a = np.stack([rng.uniform(1, 9, 30), rng.uniform(-0.6, 0.6, 30)], axis=1)
     b_from_a = make_pose(np.array([0.3, -0.2, 0.1]), Rotation.from_euler("zy", [turn_rad, 0.1]))
-    seen = see_arcs(SONAR, b_from_a, pixel_a, 9)
+    seen = project_arcs(SONAR, b_from_a, pixel_a, 9)
     expected = pixels(transform(b_from_a, SONAR.elevation_arc(pixel_a[:, 0], pixel_a[:, 1], 9)))
     np.testing.assert_allclose(seen[..., 0], expected[..., 0])
     np.testing.assert_allclose(np.exp(1j * seen[..., 1]), np.exp(1j * expected[..., 1]), atol=1e-12)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from asfm.datasets.hloc.hdf5 import open_hdf5, read_array, walk_groups
 from asfm.datasets.hloc.image_names import ImageNames
 from asfm.errors import AsfmError
-from asfm.frontend.matching.external_matches import Correspondences
+from asfm.frontend.matching.external_matches import ExternalMatches
 from asfm.geometry.sonar import SonarModel
 from asfm.sequence import Sequence
 from asfm.types import Descriptors, FloatArray, Keypoints, Matches
@@ -26,7 +26,7 @@ OUTSIDE_PX = 1.0
 """Detectors may place a keypoint this far outside the image; it is moved to the border."""
 
 
-def read_hloc(features: Path, matches: Path, sequence: Sequence, names: ImageNames) -> Correspondences:
+def read_hloc(features: Path, matches: Path, sequence: Sequence, names: ImageNames) -> ExternalMatches:
     """Read the keypoints of every frame and the matches of all pairs of frames.
 
     Of a pair that is there in both directions the one with the earlier frame first is taken.
@@ -36,7 +36,7 @@ def read_hloc(features: Path, matches: Path, sequence: Sequence, names: ImageNam
             message names the file and the group.
     """
     keypoints = _read_features(features, sequence.sonar, names)
-    return Correspondences(tuple(keypoints), tuple(_read_matches(matches, names, [len(each) for each in keypoints])))
+    return ExternalMatches(tuple(keypoints), tuple(_read_matches(matches, names, [len(each) for each in keypoints])))
 
 
 def write_hloc(

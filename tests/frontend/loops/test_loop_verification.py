@@ -10,7 +10,7 @@ from asfm.config import Config
 from asfm.frontend.loops.keypoint_tracks import TrackedKeypoints
 from asfm.frontend.loops.loop_verification import Verdict, log_false_alarms, support_each_other, verify_loop
 from asfm.frontend.matching.pair_matching import match_pairs
-from asfm.geometry.elevation_arcs import PredictedPoses
+from asfm.geometry.elevation_arcs import PosePrediction
 from asfm.geometry.poses import invert, make_pose, transform
 from asfm.geometry.sonar import SonarModel, project
 from asfm.types import FloatArray, IntArray, Keypoints, Tracks
@@ -79,7 +79,7 @@ def judge(
 ) -> tuple[Verdict, float]:
     """Match and verify frames 0 and 1; give the verdict and the share of its matches that join one point."""
     keypoints = [sight.keypoints for sight in sights]
-    predicted = PredictedPoses(believed, turn_rad, shift_m)
+    predicted = PosePrediction(believed, turn_rad, shift_m)
     (matches,) = match_pairs([(0, 1)], keypoints, CONFIG, SONAR, predicted)
     tracked = TrackedKeypoints(tracks, keypoints, SONAR, CONFIG.noise, np.ones(len(tracks), dtype=bool))
     verdict = verify_loop(matches, keypoints, SONAR, predicted, tracked, CONFIG)

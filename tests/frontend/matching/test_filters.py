@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from asfm.config import Config, Filter, MatchingConfig, SslConfig
 from asfm.config_file import load_config
 from asfm.errors import AsfmError
-from asfm.frontend.matching.filters import FILTERS, Pair, filter_matches
-from asfm.frontend.matching.nearest import Nearest
-from asfm.geometry.elevation_arcs import see_arcs
+from asfm.frontend.matching.filters import FILTERS, FramePair, filter_matches
+from asfm.frontend.matching.nearest import NearestNeighbours
+from asfm.geometry.elevation_arcs import project_arcs
 from asfm.geometry.poses import make_pose, transform
 from asfm.geometry.sonar import SonarModel, back_project, project
 from asfm.types import FloatArray, Keypoints, Matches
@@ -34,7 +34,7 @@ def scatter(rng: np.random.Generator, count: int) -> FloatArray:
     return back_project(rng.uniform(2, 8, count), rng.uniform(-0.6, 0.6, count), rng.uniform(-0.1, 0.1, count))
 
 
-def make_pair(seed: int = 0, count: int = COUNT, wrong: int = WRONG) -> Pair:
+def make_pair(seed: int = 0, count: int = COUNT, wrong: int = WRONG) -> FramePair:
     rng = np.random.default_rng(seed)
     points = scatter(rng, count)
     there = transform(B_FROM_A, points)
@@ -43,10 +43,10 @@ def make_pair(seed: int = 0, count: int = COUNT, wrong: int = WRONG) -> Pair:
     other = patches + 0.02 * rng.random(patches.shape)
     other[:wrong] = rng.random((wrong, 15, 15))
     ratio = np.where(np.arange(count) < wrong, 0.95, 0.6)
-    nearest = Nearest(np.stack([np.arange(count)] * 2, axis=1), ratio, np.arange(count) >= wrong)
+    nearest = NearestNeighbours(np.stack([np.arange(count)] * 2, axis=1), ratio, np.arange(count) >= wrong)
     a, b = keypoints_at(points, patches), keypoints_at(there, other)
-    arcs = see_arcs(SONAR, B_FROM_A, np.stack([a.range_m, a.bearing_rad], axis=1))
-    return Pair(a, b, nearest, SONAR, arcs, np.tile([0.02, 0.01], (count, 1)))
+    arcs = project_arcs(SONAR, B_FROM_A, np.stack([a.range_m, a.bearing_rad], axis=1))
+    return FramePair(a, b, nearest, SONAR, arcs, np.tile([0.02, 0.01], (count, 1)))
 
 
 def config_of(*names: Filter) -> Config:
@@ -98,13 +98,13 @@ def test_terms_of_the_loss_can_be_switched_and_weighed() -> None:
 
 def test_the_arc_says_nothing_without_a_prediction() -> None:
     whole = make_pair()
-    pair = Pair(whole.keypoints_a, whole.keypoints_b, whole.nearest, SONAR)
+    pair = FramePair(whole.keypoints_a, whole.keypoints_b, whole.nearest, SONAR)
     assert len(filter_matches(pair, 0, 1, config_of("arc"))) == COUNT
 
 
 def test_the_clique_asks_for_the_sonar_in_one_line() -> None:
     whole = make_pair()
-    pair = Pair(whole.keypoints_a, whole.keypoints_b, whole.nearest)
+    pair = FramePair(whole.keypoints_a, whole.keypoints_b, whole.nearest)
     with pytest.raises(AsfmError, match="'clique' needs the sonar") as error:
         filter_matches(pair, 0, 1, config_of("clique"))
     assert "\n" not in str(error.value)

@@ -1,4 +1,4 @@
-"""Nearest descriptors against OpenCV's brute-force matcher and against counting bits one by one."""
+"""NearestNeighbours descriptors against OpenCV's brute-force matcher and against counting bits one by one."""
 
 import cv2
 import numpy as np
@@ -9,7 +9,12 @@ from numpy.typing import NDArray
 
 from asfm.config import MatchingConfig
 from asfm.errors import AsfmError
-from asfm.frontend.matching.nearest import descriptor_distances, find_nearest, hamming_distances, match_keypoints
+from asfm.frontend.matching.nearest import (
+    descriptor_distances,
+    find_nearest_neighbours,
+    hamming_distances,
+    match_keypoints,
+)
 from asfm.types import Keypoints
 
 Descriptors = NDArray[np.uint8]
@@ -147,10 +152,10 @@ def test_large_float_descriptors_lose_no_digits() -> None:
 
 
 def test_identical_descriptors_are_nobody_s_match() -> None:
-    """Nearest and second nearest at distance zero say nothing of which is right."""
+    """NearestNeighbours and second nearest at distance zero say nothing of which is right."""
     same = np.zeros((5, 61), dtype=np.uint8)
     assert ours(same, same, 0.99) == {}
-    nearest = find_nearest(keypoints_of(same), keypoints_of(same))
+    nearest = find_nearest_neighbours(keypoints_of(same), keypoints_of(same))
     assert nearest.ratio.tolist() == [1.0] * 5
 
 
@@ -181,7 +186,7 @@ def test_only_allowed_pairs_are_compared() -> None:
     allowed = np.tile(np.eye(30, dtype=bool), (1, 2))
     allowed[:, 30:] = False
     assert len(match_keypoints(keypoints_of(a), keypoints_of(twins), MatchingConfig(ratio=0.4))[0]) == 0
-    nearest = find_nearest(keypoints_of(a), keypoints_of(twins), allowed)
+    nearest = find_nearest_neighbours(keypoints_of(a), keypoints_of(twins), allowed)
     np.testing.assert_array_equal(nearest.index, np.stack([np.arange(30)] * 2, axis=1))
     assert nearest.mutual.all() and nearest.ratio.max() < 0.4
 
@@ -190,11 +195,11 @@ def test_a_lone_candidate_must_be_nearer_than_strangers() -> None:
     rng = np.random.default_rng(11)
     a, b = random_descriptors(rng, 30), random_descriptors(rng, 30)
     b[:15] = flip_bits(rng, a[:15], 0.1)
-    nearest = find_nearest(keypoints_of(a), keypoints_of(b), np.eye(30, dtype=bool))
+    nearest = find_nearest_neighbours(keypoints_of(a), keypoints_of(b), np.eye(30, dtype=bool))
     assert nearest.ratio[:15].max() < 0.4 and nearest.ratio[15:].min() > 0.8
 
 
 def test_nothing_allowed_is_no_match() -> None:
     rng = np.random.default_rng(12)
     frame = keypoints_of(random_descriptors(rng, 6))
-    assert len(find_nearest(frame, frame, np.zeros((6, 6), dtype=bool)).index) == 0
+    assert len(find_nearest_neighbours(frame, frame, np.zeros((6, 6), dtype=bool)).index) == 0

@@ -8,7 +8,7 @@ from asfm.config import Config, MatchingConfig, SslConfig
 from asfm.frontend.matching.nearest import match_keypoints
 from asfm.frontend.matching.pair_matching import match_frames, match_pairs, match_with_previous
 from asfm.frontend.matching.ssl import structural_spatial_loss
-from asfm.geometry.elevation_arcs import PredictedPoses
+from asfm.geometry.elevation_arcs import PosePrediction
 from asfm.geometry.poses import make_pose, transform
 from asfm.geometry.sonar import SonarModel, back_project, project
 from asfm.types import FloatArray, IntArray, Keypoints, Matches
@@ -118,8 +118,8 @@ def views(seed: int, alike: int) -> list[Keypoints]:
     return found
 
 
-def predict(a_pose: FloatArray) -> PredictedPoses:
-    return PredictedPoses(np.stack([a_pose, np.eye(4)]), 0.005, 0.02)
+def predict(a_pose: FloatArray) -> PosePrediction:
+    return PosePrediction(np.stack([a_pose, np.eye(4)]), 0.005, 0.02)
 
 
 def right(matches: Matches) -> int:
@@ -157,7 +157,7 @@ def test_nothing_seen_is_no_match_with_a_prediction_too() -> None:
 def test_many_pairs_at_once_are_matched_as_one_by_one() -> None:
     keypoints = [*views(1, 2), *views(1, 1), nothing_seen()]
     poses = np.stack([B_FROM_A, np.eye(4), B_FROM_A, np.eye(4), np.eye(4)])
-    predicted = PredictedPoses(poses, 0.005, 0.02)
+    predicted = PosePrediction(poses, 0.005, 0.02)
     pairs = [(0, 1), (0, 4), (2, 3), (1, 3), (3, 0)]
     for guess in (None, predicted):
         together = match_pairs(pairs, keypoints, GUIDED, SONAR, guess)

@@ -6,7 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from asfm.frontend.matching.pairwise_consistency import bound_lengths, compare_lengths, find_length_outliers
+from asfm.frontend.matching.pairwise_consistency import (
+    bound_lengths,
+    find_distance_outliers,
+    pairwise_distance_consistency,
+)
 from asfm.geometry.poses import make_pose, transform
 from asfm.geometry.sonar import back_project, project
 from asfm.types import FloatArray
@@ -49,8 +53,8 @@ def rigid_pair(rng: np.random.Generator, count: int) -> tuple[FloatArray, FloatA
 @pytest.mark.parametrize("seed", range(5))
 def test_a_rigid_scene_is_consistent_without_slack(seed: int) -> None:
     pixel_a, pixel_b = rigid_pair(np.random.default_rng(seed), 50)
-    assert compare_lengths(pixel_a, pixel_b, APERTURE, np.full(50, 1e-9)).all()
-    assert not find_length_outliers(pixel_a, pixel_b, APERTURE, np.full(50, 1e-9)).any()
+    assert pairwise_distance_consistency(pixel_a, pixel_b, APERTURE, np.full(50, 1e-9)).all()
+    assert not find_distance_outliers(pixel_a, pixel_b, APERTURE, np.full(50, 1e-9)).any()
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -59,7 +63,7 @@ def test_points_elsewhere_are_outliers_and_the_rest_is_not(seed: int) -> None:
     pixel_a, pixel_b = rigid_pair(rng, 60)
     wrong = np.arange(60) < 15
     pixel_b[wrong] = np.stack([rng.uniform(2, 8, 15), rng.uniform(-0.6, 0.6, 15)], axis=1)
-    outliers = find_length_outliers(pixel_a, pixel_b, APERTURE, np.full(60, 0.02))
+    outliers = find_distance_outliers(pixel_a, pixel_b, APERTURE, np.full(60, 0.02))
     assert outliers[~wrong].sum() == 0
     assert outliers[wrong].sum() >= 10
 
@@ -68,13 +72,13 @@ def test_a_mirrored_bearing_axis_keeps_lengths_but_a_swapped_one_does_not() -> N
     """Lengths do not see a mirror: what does is the planar filter."""
     pixel_a, pixel_b = rigid_pair(np.random.default_rng(1), 40)
     mirrored = pixel_b * [1, -1]
-    assert not find_length_outliers(pixel_a, mirrored, APERTURE, np.full(40, 0.01)).any()
+    assert not find_distance_outliers(pixel_a, mirrored, APERTURE, np.full(40, 0.01)).any()
     shuffled = pixel_b[::-1]
-    assert find_length_outliers(pixel_a, shuffled, APERTURE, np.full(40, 0.01)).mean() > 0.5
+    assert find_distance_outliers(pixel_a, shuffled, APERTURE, np.full(40, 0.01)).mean() > 0.5
 
 
 @pytest.mark.parametrize("count", [0, 1])
 def test_nobody_and_one_alone_are_no_outliers(count: int) -> None:
     pixel_a, pixel_b = rigid_pair(np.random.default_rng(0), count)
-    outliers = find_length_outliers(pixel_a, pixel_b, APERTURE, np.zeros(count))
+    outliers = find_distance_outliers(pixel_a, pixel_b, APERTURE, np.zeros(count))
     assert outliers.shape == (count,) and not outliers.any()

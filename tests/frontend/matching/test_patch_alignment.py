@@ -1,4 +1,4 @@
-"""Alignment finds shifts of known images to a fraction of a pixel, says how surely, and rejects what slides."""
+"""Alignment finds shifts of known images to a fraction of a pixel, says how surely, and rejects what unlocalised."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 
 from asfm.config import Config, LocalisationConfig
 from asfm.frontend.features.patches import cut_patches
-from asfm.frontend.matching.patch_alignment import align_matches, align_squares
+from asfm.frontend.matching.patch_alignment import align_matches, align_patches
 from asfm.geometry.sonar import SonarModel
 from asfm.types import FloatArray, ImageArray, Keypoints, Matches
 
@@ -38,7 +38,7 @@ def make_places(count: int = 60, seed: int = 0) -> FloatArray:
 def test_a_known_shift_is_found(shift_px: tuple[float, float]) -> None:
     image, places = make_texture(0, blur_px=3.0), make_places()
     moved = move(image, np.array(shift_px))
-    found, covariance = align_squares(cut(image, places), cut(moved, places), 50.0)
+    found, covariance = align_patches(cut(image, places), cut(moved, places), 50.0)
     error = found - shift_px
     assert np.abs(np.median(error, axis=0)).max() < 0.05
     assert np.quantile(np.abs(error), 0.9) < 0.25
@@ -48,8 +48,8 @@ def test_a_known_shift_is_found(shift_px: tuple[float, float]) -> None:
 def test_gain_and_offset_do_not_matter() -> None:
     image, places = make_texture(1), make_places()
     a, b = cut(image, places), cut(move(image, np.array([0.5, 0.5])), places)
-    plain, _ = align_squares(a, b, 50.0)
-    changed, _ = align_squares(a, np.float32(0.3) * b + np.float32(0.2), 50.0)
+    plain, _ = align_patches(a, b, 50.0)
+    changed, _ = align_patches(a, np.float32(0.3) * b + np.float32(0.2), 50.0)
     np.testing.assert_allclose(changed, plain, atol=1e-3)
 
 
@@ -60,7 +60,7 @@ def test_the_stated_sigma_follows_the_noise() -> None:
     for seed in range(10):
         rng = np.random.default_rng(seed)
         noisy = [image + 0.03 * gaussian_filter(rng.normal(size=image.shape), 2.0) / 0.14 for _ in range(2)]
-        shift, covariance = align_squares(cut(noisy[0], places), cut(noisy[1], places), 16 * np.pi)
+        shift, covariance = align_patches(cut(noisy[0], places), cut(noisy[1], places), 16 * np.pi)
         errors.append(shift)
         stated.append(covariance)
     whitened = np.einsum(
@@ -74,24 +74,24 @@ def test_an_edge_leaves_its_own_direction_open() -> None:
     image = gaussian_filter(image, 2.0) + 0.02 * make_texture(3)
     places = np.stack([np.full(20, SIDE_PX / 2), np.linspace(40, 160, 20)], axis=1)
     noisy = image + 0.02 * make_texture(4)
-    _, covariance = align_squares(cut(image, places), cut(noisy.astype(np.float32), places), 50.0)
+    _, covariance = align_patches(cut(image, places), cut(noisy.astype(np.float32), places), 50.0)
     across, along = np.sqrt(covariance[:, 0, 0]), np.sqrt(covariance[:, 1, 1])
     assert (along > 5 * across).all()
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0])
-def test_flat_squares_stay_where_they_are_and_are_unsure(value: float) -> None:
-    squares = np.full((4, 21, 21), value, dtype=np.float32)
+def test_flat_patches_stay_where_they_are_and_are_unsure(value: float) -> None:
+    patches = np.full((4, 21, 21), value, dtype=np.float32)
     textured = cut(make_texture(5), make_places(4))
-    for a, b in ((squares, squares), (squares, textured), (textured, squares)):
-        shift, covariance = align_squares(a, b, 50.0)
+    for a, b in ((patches, patches), (patches, textured), (textured, patches)):
+        shift, covariance = align_patches(a, b, 50.0)
         assert np.isfinite(shift).all() and np.isfinite(covariance).all()
-    assert align_squares(squares, squares, 50.0)[0].tolist() == np.zeros((4, 2)).tolist()
+    assert align_patches(patches, patches, 50.0)[0].tolist() == np.zeros((4, 2)).tolist()
 
 
 def test_nothing_to_align_gives_nothing() -> None:
     nothing = np.zeros((0, 21, 21), dtype=np.float32)
-    shift, covariance = align_squares(nothing, nothing, 50.0)
+    shift, covariance = align_patches(nothing, nothing, 50.0)
     assert shift.shape == (0, 2) and covariance.shape == (0, 2, 2)
 
 
@@ -138,11 +138,11 @@ def test_what_slides_is_rejected_and_remembered() -> None:
     keypoints = [make_keypoints(image, places) for image in noisy]
     (strict,) = align_matches([make_match(len(places))], keypoints, SONAR, stay_polar(max_sigma_px=1.0))
     assert len(strict) < 0.2 * len(places)
-    assert strict.count_rejected() == {"slide": len(places) - len(strict)}
+    assert strict.count_rejected() == {"unlocalised": len(places) - len(strict)}
     assert strict.aligned is not None and len(strict.aligned) == len(strict)
 
 
-def test_without_squares_matches_stay_as_they_are() -> None:
+def test_without_patches_matches_stay_as_they_are() -> None:
     keypoints = [make_keypoints(make_texture(9), make_places(5))] * 2
     (match,) = align_matches([make_match(5)], keypoints, SONAR, stay_polar(radius_px=0))
     assert match.aligned is None and match.sigma is None and len(match) == 5

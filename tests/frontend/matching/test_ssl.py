@@ -46,7 +46,7 @@ def test_spatial_term_is_that_of_plain_loops(pairs: tuple[Patches, Patches]) -> 
         assert term == pytest.approx(distance / len(u) ** 0.5, abs=1e-6)
 
 
-def test_stretched_squares_run_from_0_to_1(pairs: tuple[Patches, Patches]) -> None:
+def test_stretched_patches_run_from_0_to_1(pairs: tuple[Patches, Patches]) -> None:
     for patches in pairs:
         exact = patches.astype(float)
         low, high = exact.min(axis=(1, 2)), exact.max(axis=(1, 2))
@@ -67,7 +67,7 @@ def test_loss_weighs_and_switches_its_terms(pairs: tuple[Patches, Patches]) -> N
         np.testing.assert_allclose(structural_spatial_loss(*pairs, config), expected, atol=1e-12)
 
 
-def test_loss_is_zero_for_equal_squares_and_blind_to_gain_and_offset(pairs: tuple[Patches, Patches]) -> None:
+def test_loss_is_zero_for_equal_patches_and_blind_to_gain_and_offset(pairs: tuple[Patches, Patches]) -> None:
     a = pairs[0].astype(float)
     loss = structural_spatial_loss(a, 3.0 * a + 0.5, BOTH)
     np.testing.assert_allclose(loss, 0.0, atol=1e-7)
@@ -97,13 +97,13 @@ def test_each_loss_is_that_of_its_pair_alone() -> None:
 
 
 @pytest.mark.parametrize("width", [1, 3, 5])
-def test_squares_smaller_than_the_window_have_a_loss(width: int) -> None:
+def test_patches_smaller_than_the_window_have_a_loss(width: int) -> None:
     rng = np.random.default_rng(0)
     a, b = rng.random((2, 8, width, width))
     assert np.isfinite(structural_spatial_loss(a, b, BOTH)).all()
 
 
-def test_squares_stretched_before_have_the_same_loss(pairs: tuple[Patches, Patches]) -> None:
+def test_patches_stretched_before_have_the_same_loss(pairs: tuple[Patches, Patches]) -> None:
     a, b = pairs
     for config in (BOTH, SslConfig(structural_weight=0), SslConfig(spatial_weight=0)):
         once = compare_stretched(stretch_patches(a), stretch_patches(b), config)
@@ -124,7 +124,7 @@ def test_a_term_without_weight_is_not_computed(monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.uint8, np.uint16])
-def test_squares_of_another_type_have_the_same_loss(dtype: type) -> None:
+def test_patches_of_another_type_have_the_same_loss(dtype: type) -> None:
     counts = np.random.default_rng(0).integers(0, 256, (2, 9, 15, 15))
     expected, found = (
         structural_spatial_loss(counts[0].astype(kind), counts[1].astype(kind), BOTH) for kind in (np.float32, dtype)
@@ -145,19 +145,19 @@ def test_no_matches_have_no_losses() -> None:
     assert structural_spatial_loss(none, none, BOTH).shape == (0,)
 
 
-def test_bad_squares_are_refused_with_one_clear_line() -> None:
+def test_bad_patches_are_refused_with_one_clear_line() -> None:
     good = np.zeros((4, 15, 15), dtype=np.float32)
     for value in (np.nan, np.inf, -np.inf, 1e300):
         bad = good.astype(float)
         bad[2, 0, 14] = value
         for terms in ((1, 1), (1, 0), (0, 1), (0, 0)):
             config = SslConfig(structural_weight=terms[0], spatial_weight=terms[1])
-            with pytest.raises(AsfmError, match="square 2 of the second frame"):
+            with pytest.raises(AsfmError, match="patch 2 of the second frame"):
                 structural_spatial_loss(good, bad, config)
             if value != 1e300:
-                with pytest.raises(AsfmError, match="square 2 of the first frame"):
+                with pytest.raises(AsfmError, match="patch 2 of the first frame"):
                     structural_spatial_loss(bad.astype(np.float32), good, config)
     with pytest.raises(AsfmError, match=r"\(3, 15, 15\)"):
         structural_spatial_loss(good, good[:3], BOTH)
-    with pytest.raises(AsfmError, match="equal squares"):
+    with pytest.raises(AsfmError, match="equal patches"):
         structural_spatial_loss(good[:, :14], good[:, :14], BOTH)
