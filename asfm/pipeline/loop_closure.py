@@ -24,7 +24,7 @@ from asfm.types import FloatArray, Keypoints, Matches, Tracks
 
 Judged = tuple[LoopPair, Verdict]
 
-LATE = 1.0
+LOOP_COST_OFFSET = 1.0
 """Added to the cost of a loop's matches: tracks are built from the matches of the window first."""
 STANDS = 0.5
 """Share of a loop's matches that must lie near their arcs once all loops are closed."""
@@ -90,7 +90,7 @@ def find_loops(
         "matches": sum(len(match) for match in loops),
         **_count_reasons(judged, supported, len(supported) - len(loops)),
     }
-    return Closure(poses, [replace(match, cost=match.cost + LATE) for match in loops])
+    return Closure(poses, [replace(match, cost=match.cost + LOOP_COST_OFFSET) for match in loops])
 
 
 def _judge_pairs(

@@ -26,9 +26,9 @@ from asfm.frontend.matching.external_matches import ExternalMatches, filter_exte
 from asfm.frontend.matching.pair_matching import match_with_previous
 from asfm.frontend.matching.patch_alignment import align_matches
 from asfm.frontend.tracking.association import associate
-from asfm.frontend.tracking.guided_matching import add_matches, rematch
+from asfm.frontend.tracking.guided_matching import add_matches, match_to_landmarks
 from asfm.frontend.tracking.track_builder import build_tracks, share_changed
-from asfm.frontend.tracking.triangulated_tracks import SolvedTracks
+from asfm.frontend.tracking.triangulated_tracks import TriangulatedTracks
 from asfm.geometry.elevation_arcs import PosePrediction
 from asfm.navigation.duplicate_frames import drop_repeats
 from asfm.navigation.odometry_hypotheses import list_sightings
@@ -213,7 +213,7 @@ def optimise(
         settled = before is not None and _share_changed(before, solution) < config.tracks.settled_share
         if settled or number + 1 == config.backend.rounds:
             break
-        before, proposed = solution, add_matches(proposed, _rematch(solution, sequence, keypoints, config))
+        before, proposed = solution, add_matches(proposed, _match_to_landmarks(solution, sequence, keypoints, config))
         if number == 0 and config.loops.enabled:
             with clock.stage("loops") as report:
                 loops = find_loops(sequence, keypoints, solution, config, report)
@@ -225,14 +225,16 @@ def _share_changed(before: Solution, after: Solution) -> float:
     return share_changed(before.tracks, before.observed, after.tracks, after.observed)
 
 
-def _rematch(solution: Solution, sequence: Sequence, keypoints: list[Keypoints], config: Config) -> list[Matches]:
+def _match_to_landmarks(
+    solution: Solution, sequence: Sequence, keypoints: list[Keypoints], config: Config
+) -> list[Matches]:
     """Match keypoints with the points of a solution."""
     bundle = solution.bundle
     world_from_sonar = bundle.world_from_vehicle @ sequence.vehicle_from_sonar
-    solved = SolvedTracks(
+    solved = TriangulatedTracks(
         solution.tracks, keypoints, bundle.xyz_m, bundle.in_graph, world_from_sonar, sequence.sonar, config
     )
-    return rematch(solved, config.tracks.window)
+    return match_to_landmarks(solved, config.tracks.window)
 
 
 def conclude(

@@ -8,7 +8,7 @@ import numpy as np
 
 from asfm.config import NoiseConfig
 from asfm.frontend.matching.filters import difference_sigma
-from asfm.frontend.tracking.track_builder import key_places, list_by_frame
+from asfm.frontend.tracking.track_builder import key_places, observations_by_frame
 from asfm.geometry.sonar import SonarModel
 from asfm.types import BoolArray, IntArray, Keypoints, Matches, Tracks
 
@@ -63,7 +63,7 @@ class TrackedKeypoints:
 
     @cached_property
     def _by_frame(self) -> list[IntArray]:
-        return list_by_frame(self.tracks, len(self.keypoints), self.observed)
+        return observations_by_frame(self.tracks, len(self.keypoints), self.observed)
 
     @cached_property
     def _start(self) -> IntArray:

@@ -52,7 +52,7 @@ def share_changed(before: Tracks, used_before: BoolArray, after: Tracks, used_af
     return (either - both) / either if either else 0.0
 
 
-def list_by_frame(tracks: Tracks, frame_count: int, chosen: BoolArray | None = None) -> list[IntArray]:
+def observations_by_frame(tracks: Tracks, frame_count: int, chosen: BoolArray | None = None) -> list[IntArray]:
     """List the observations of each frame, those of them that are (O,) chosen."""
     order = np.argsort(tracks.frame, kind="stable")
     if chosen is not None:

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from asfm.config import Config
-from asfm.frontend.tracking.track_builder import key_places, list_by_frame
+from asfm.frontend.tracking.track_builder import key_places, observations_by_frame
 from asfm.geometry.poses import invert, transform
 from asfm.geometry.sonar import SonarModel, feature_sigma, project, project_jacobian
 from asfm.types import BoolArray, FloatArray, IntArray, Keypoints, Tracks
@@ -19,14 +19,14 @@ EDGE_RAD = 0.02
 
 
 @dataclass(frozen=True)
-class SolvedTracks:
+class TriangulatedTracks:
     """What a round knows: tracks, their points and the poses that saw them."""
 
     tracks: Tracks
     keypoints: Sequence[Keypoints]
     xyz_m: FloatArray
     """(T, 3) points in the world."""
-    known: BoolArray
+    has_point: BoolArray
     """(T,) which tracks have a point."""
     world_from_sonar: FloatArray
     """(N, 4, 4)"""
@@ -39,7 +39,7 @@ class SolvedTracks:
         return invert(self.world_from_sonar)
 
     @cached_property
-    def typical(self) -> FloatArray:
+    def default_sigma(self) -> FloatArray:
         """Standard deviations (2,) of a feature's range_m and bearing_rad."""
         return feature_sigma(self.sonar, self.config.noise)
 
@@ -47,7 +47,11 @@ class SolvedTracks:
     def sigma(self) -> FloatArray:
         """(O, 2) standard deviations of the observations' range_m and bearing_rad, at least the typical ones."""
         stated = self.tracks.sigma
-        return np.tile(self.typical, (len(self.tracks), 1)) if stated is None else np.maximum(stated, self.typical)
+        return (
+            np.tile(self.default_sigma, (len(self.tracks), 1))
+            if stated is None
+            else np.maximum(stated, self.default_sigma)
+        )
 
     @cached_property
     def keypoint(self) -> IntArray:
@@ -64,7 +68,7 @@ class SolvedTracks:
     @cached_property
     def by_frame(self) -> list[IntArray]:
         """The observations of each frame."""
-        return list_by_frame(self.tracks, len(self.keypoints))
+        return observations_by_frame(self.tracks, len(self.keypoints))
 
     @cached_property
     def _seen(self) -> FloatArray:
@@ -72,21 +76,21 @@ class SolvedTracks:
         return transform(self.sonar_from_world[self.tracks.frame], self.xyz_m[self.tracks.track])
 
     @cached_property
-    def agrees(self) -> BoolArray:
+    def inlier(self) -> BoolArray:
         """(O,) which observations lie where their track's point should be seen."""
         range_m, bearing_rad, elevation_rad = project(self._seen)
         off = np.stack([range_m - self.tracks.range_m, bearing_rad - self.tracks.bearing_rad], axis=1)
         near = ((off / (WIDENED * self.sigma)) ** 2).sum(axis=1) <= self.config.matching.arc_gate**2
         inside = np.abs(elevation_rad) <= self.sonar.elevation_aperture_rad / 2 + EDGE_RAD
-        return np.asarray(near & inside & self.known[self.tracks.track])
+        return np.asarray(near & inside & self.has_point[self.tracks.track])
 
     @cached_property
     def covariance_m2(self) -> FloatArray:
         """(T, 3, 3) of the points under these poses: what agreeing observations say, and once that the beam sees it."""
         jacobian = project_jacobian(self._seen) @ self.sonar_from_world[self.tracks.frame, :3, :3]
-        views = np.bincount(self.tracks.track, self.agrees, minlength=self.tracks.count)
+        views = np.bincount(self.tracks.track, self.inlier, minlength=self.tracks.count)
         elevation_rad = self.sonar.elevation_aperture_rad / 2 * np.sqrt(np.maximum(views, 1))[self.tracks.track]
-        scale = 1 / np.column_stack([WIDENED * self.sigma, elevation_rad]) * self.agrees[:, None]
+        scale = 1 / np.column_stack([WIDENED * self.sigma, elevation_rad]) * self.inlier[:, None]
         white = jacobian * scale[..., None]
         each = np.einsum("oki,okj->oij", white, white).reshape(-1, 9)
         total = [np.bincount(self.tracks.track, each[:, cell], minlength=self.tracks.count) for cell in range(9)]
@@ -109,32 +113,32 @@ class Prediction:
     """(P, 2, 2) of range_m and bearing_rad, from the points' own."""
 
 
-def predict_sightings(solved: SolvedTracks, frame: int, window: int) -> Prediction:
+def predict_observations(triangulated: TriangulatedTracks, frame: int, window: int) -> Prediction:
     """Predict which points a frame should see, of the tracks observed at most a window of frames away but not in it.
 
     Args:
-        solved: a round's result.
+        triangulated: a round's result.
         frame: index of the frame.
         window: how many frames away an agreeing observation may be.
     """
-    track, nearest = _list_absent(solved, frame, window)
-    seen = transform(solved.sonar_from_world[frame], solved.xyz_m[track])
+    track, nearest = _list_absent(triangulated, frame, window)
+    seen = transform(triangulated.sonar_from_world[frame], triangulated.xyz_m[track])
     range_m, bearing_rad, elevation_rad = project(seen)
-    rows, beams = solved.sonar.range_edges_m, solved.sonar.bearing_edges_rad
+    rows, beams = triangulated.sonar.range_edges_m, triangulated.sonar.bearing_edges_rad
     inside = (range_m >= rows[0]) & (range_m <= rows[-1]) & (bearing_rad >= beams[0]) & (bearing_rad <= beams[-1])
-    inside &= np.abs(elevation_rad) <= solved.sonar.elevation_aperture_rad / 2 + EDGE_RAD
-    slopes = (project_jacobian(seen[inside]) @ solved.sonar_from_world[frame, :3, :3])[:, :2]
-    spread = np.einsum("pij,pjk,plk->pil", slopes, solved.covariance_m2[track[inside]], slopes)
+    inside &= np.abs(elevation_rad) <= triangulated.sonar.elevation_aperture_rad / 2 + EDGE_RAD
+    slopes = (project_jacobian(seen[inside]) @ triangulated.sonar_from_world[frame, :3, :3])[:, :2]
+    spread = np.einsum("pij,pjk,plk->pil", slopes, triangulated.covariance_m2[track[inside]], slopes)
     return Prediction(track[inside], nearest[inside], range_m[inside], bearing_rad[inside], spread)
 
 
-def _list_absent(solved: SolvedTracks, frame: int, window: int) -> tuple[IntArray, IntArray]:
+def _list_absent(triangulated: TriangulatedTracks, frame: int, window: int) -> tuple[IntArray, IntArray]:
     """List the tracks that agree in a neighbouring frame but have nothing in this one, with the nearest observation."""
-    frames = range(max(frame - window, 0), min(frame + window + 1, len(solved.keypoints)))
-    around = np.concatenate([solved.by_frame[other] for other in frames])
-    around = around[solved.agrees[around]]
-    away = np.abs(solved.tracks.frame[around] - frame)
-    order = np.lexsort((solved.tracks.frame[around], away, solved.tracks.track[around]))
-    track, first = np.unique(solved.tracks.track[around[order]], return_index=True)
-    absent = ~np.isin(track, solved.tracks.track[solved.by_frame[frame]])
+    frames = range(max(frame - window, 0), min(frame + window + 1, len(triangulated.keypoints)))
+    around = np.concatenate([triangulated.by_frame[other] for other in frames])
+    around = around[triangulated.inlier[around]]
+    away = np.abs(triangulated.tracks.frame[around] - frame)
+    order = np.lexsort((triangulated.tracks.frame[around], away, triangulated.tracks.track[around]))
+    track, first = np.unique(triangulated.tracks.track[around[order]], return_index=True)
+    absent = ~np.isin(track, triangulated.tracks.track[triangulated.by_frame[frame]])
     return track[absent], around[order][first[absent]]

@@ -7,7 +7,7 @@ from asfm.backend.estimation.solution import Solution
 from asfm.config import Config
 from asfm.config_file import load_config
 from asfm.frontend.matching.external_matches import ExternalMatches
-from asfm.frontend.tracking.triangulated_tracks import SolvedTracks
+from asfm.frontend.tracking.triangulated_tracks import TriangulatedTracks
 from asfm.pipeline.reconstruction import extract, initialise, optimise, reconstruct
 from asfm.recorder import NullRecorder
 from asfm.sequence import Sequence
@@ -63,11 +63,11 @@ def test_given_matches_stay_alone(
     sequence, keypoints, candidates = extracted
     windows: list[int] = []
 
-    def remember(solved: SolvedTracks, window: int) -> list[Matches]:
+    def remember(solved: TriangulatedTracks, window: int) -> list[Matches]:
         windows.append(window)
         return []
 
-    monkeypatch.setattr("asfm.pipeline.reconstruction.rematch", remember)
+    monkeypatch.setattr("asfm.pipeline.reconstruction.match_to_landmarks", remember)
     given = ExternalMatches(tuple(frame.without_patches() for frame in keypoints), tuple(candidates))
     reconstruct(sequence, load_config(None, ("backend.rounds=2",)), given=given)
     assert windows == [0]

@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from asfm.config import Config
-from asfm.frontend.tracking.guided_matching import add_matches, rematch
+from asfm.frontend.tracking.guided_matching import add_matches, match_to_landmarks
 from asfm.frontend.tracking.track_builder import build_tracks
-from asfm.frontend.tracking.triangulated_tracks import SolvedTracks, predict_sightings
+from asfm.frontend.tracking.triangulated_tracks import TriangulatedTracks, predict_observations
 from asfm.geometry.poses import invert, make_pose, transform
 from asfm.geometry.sonar import SonarModel, back_project, feature_sigma, project
 from asfm.types import BoolArray, Descriptors, FloatArray, IntArray, Keypoints, Matches, Tracks
@@ -28,7 +28,7 @@ class World:
     keypoints: list[Keypoints]
     order: list[IntArray]
 
-    def solve(self, label: IntArray) -> SolvedTracks:
+    def solve(self, label: IntArray) -> TriangulatedTracks:
         """Give tracks of the observations whose (frame, point) has a label of 0 or more, with their true points."""
         frame, keypoint = (value.ravel() for value in np.indices((FRAMES, POINTS)))
         point = np.stack(self.order)[frame, keypoint]
@@ -42,7 +42,7 @@ class World:
             for name in ("range_m", "bearing_rad")
         )
         of_track = point[np.searchsorted(track, np.arange(track[-1] + 1))]
-        return SolvedTracks(
+        return TriangulatedTracks(
             Tracks(track, frame, range_m, bearing_rad),
             self.keypoints,
             self.xyz_m[of_track],
@@ -87,24 +87,27 @@ def one_label_each() -> IntArray:
     return np.tile(np.arange(POINTS), (FRAMES, 1))
 
 
-def chain(solved: SolvedTracks) -> list[Matches]:
+def chain(triangulated: TriangulatedTracks) -> list[Matches]:
     """The matches that the tracks of a solution were made of: each observation with the next."""
-    tracks, found = solved.tracks, []
+    tracks, found = triangulated.tracks, []
     for here in np.flatnonzero(np.diff(tracks.track) == 0):
-        pair = np.array([[solved.keypoint[here], solved.keypoint[here + 1]]])
+        pair = np.array([[triangulated.keypoint[here], triangulated.keypoint[here + 1]]])
         found.append(Matches(int(tracks.frame[here]), int(tracks.frame[here + 1]), pair, np.zeros(1)))
     return found
 
 
-def rebuild(solved: SolvedTracks, window: int = WINDOW) -> SolvedTracks:
+def rebuild(triangulated: TriangulatedTracks, window: int = WINDOW) -> TriangulatedTracks:
     """Join what re-matching proposes with what was there."""
-    tracks = build_tracks(solved.keypoints, [*chain(solved), *rematch(solved, window)], 2)
-    return replace(solved, tracks=tracks, xyz_m=np.zeros((tracks.count, 3)))
+    tracks = build_tracks(triangulated.keypoints, [*chain(triangulated), *match_to_landmarks(triangulated, window)], 2)
+    return replace(triangulated, tracks=tracks, xyz_m=np.zeros((tracks.count, 3)))
 
 
-def points_of_tracks(world: World, solved: SolvedTracks) -> list[set[int]]:
-    shown = [int(world.order[f][k]) for f, k in zip(solved.tracks.frame, solved.keypoint, strict=True)]
-    return [{shown[at] for at in np.flatnonzero(solved.tracks.track == track)} for track in range(solved.tracks.count)]
+def points_of_tracks(world: World, triangulated: TriangulatedTracks) -> list[set[int]]:
+    shown = [int(world.order[f][k]) for f, k in zip(triangulated.tracks.frame, triangulated.keypoint, strict=True)]
+    return [
+        {shown[at] for at in np.flatnonzero(triangulated.tracks.track == track)}
+        for track in range(triangulated.tracks.count)
+    ]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -130,9 +133,9 @@ def test_two_halves_of_a_track_become_one(seed: int) -> None:
 
 
 def test_nothing_changes_where_nothing_lacks() -> None:
-    solved = make_world().solve(one_label_each())
-    assert rematch(solved, WINDOW) == []
-    assert len(rebuild(solved).tracks) == len(solved.tracks)
+    triangulated = make_world().solve(one_label_each())
+    assert match_to_landmarks(triangulated, WINDOW) == []
+    assert len(rebuild(triangulated).tracks) == len(triangulated.tracks)
 
 
 def lookalikes(world: World, off: BoolArray) -> tuple[World, IntArray]:
@@ -150,7 +153,7 @@ def lookalikes(world: World, off: BoolArray) -> tuple[World, IntArray]:
 def test_a_keypoint_far_from_where_it_should_be_never_joins() -> None:
     off = np.arange(POINTS) < 25
     world, label = lookalikes(make_world(), off)
-    found = [world.points_of(match) for match in rematch(world.solve(label), WINDOW)]
+    found = [world.points_of(match) for match in match_to_landmarks(world.solve(label), WINDOW)]
     a, b = (np.concatenate(side) for side in zip(*found, strict=True))
     np.testing.assert_array_equal(a, b)
     assert not off[a].any() and len(a) > 0.85 * np.sum(~off)
@@ -159,13 +162,13 @@ def test_a_keypoint_far_from_where_it_should_be_never_joins() -> None:
 def test_an_observation_off_its_point_disagrees_and_vouches_for_nothing() -> None:
     off = np.arange(POINTS) < 25
     world, _ = lookalikes(make_world(), off)
-    solved = world.solve(one_label_each())
-    wrong = (solved.tracks.frame == FRAMES // 2) & off[solved.tracks.track]
-    np.testing.assert_array_equal(solved.agrees[wrong], False)
-    assert solved.agrees[~wrong].mean() > 0.98
+    triangulated = world.solve(one_label_each())
+    wrong = (triangulated.tracks.frame == FRAMES // 2) & off[triangulated.tracks.track]
+    np.testing.assert_array_equal(triangulated.inlier[wrong], False)
+    assert triangulated.inlier[~wrong].mean() > 0.98
     label = one_label_each()
     label[FRAMES // 2 + 1] = -1
-    predicted = predict_sightings(world.solve(label), FRAMES // 2 + 1, 1)
+    predicted = predict_observations(world.solve(label), FRAMES // 2 + 1, 1)
     before, after = (world.solve(label).tracks.frame[predicted.nearest] == FRAMES // 2 + step for step in (0, 2))
     np.testing.assert_array_equal(before | after, True)
     assert not before[off[predicted.track]].any() and before[~off[predicted.track]].mean() > 0.9
@@ -177,7 +180,7 @@ def test_a_keypoint_that_looks_different_never_joins() -> None:
     strange = np.random.default_rng(9).integers(0, 256, (POINTS, 61), dtype=np.uint8)
     keypoints = list(world.keypoints)
     keypoints[middle] = replace(keypoints[middle], descriptors=strange)
-    assert rematch(replace(world, keypoints=keypoints).solve(label), WINDOW) == []
+    assert match_to_landmarks(replace(world, keypoints=keypoints).solve(label), WINDOW) == []
 
 
 def test_points_one_above_the_other_do_not_merge_where_a_frame_sees_them_as_one() -> None:
@@ -197,9 +200,11 @@ def test_points_one_above_the_other_do_not_merge_where_a_frame_sees_them_as_one(
     label = one_label_each()
     label[half:, 0], label[:half, 1] = -1, -1  # point 0 is seen before that frame, point 1 in it and later
     apart = replace(world, keypoints=keypoints, xyz_m=np.concatenate([pair, world.xyz_m[2:]]))
-    solved = apart.solve(label)
-    assert predict_sightings(solved, half, WINDOW).track.tolist() == [0]
-    pairs = np.concatenate([np.stack(apart.points_of(match), axis=1) for match in rematch(solved, WINDOW)])
+    triangulated = apart.solve(label)
+    assert predict_observations(triangulated, half, WINDOW).track.tolist() == [0]
+    pairs = np.concatenate(
+        [np.stack(apart.points_of(match), axis=1) for match in match_to_landmarks(triangulated, WINDOW)]
+    )
     assert [0, 0] in pairs.tolist() and [1, 1] in pairs.tolist()
     assert not {(0, 1), (1, 0)} & {(int(one), int(other)) for one, other in pairs}
 
@@ -209,7 +214,7 @@ def test_tracks_grow_no_further_than_the_window() -> None:
     label[3:] = -1
     world = make_world()
     for window in (0, 2, 5):
-        found = rematch(world.solve(label), window)
+        found = match_to_landmarks(world.solve(label), window)
         assert {match.frame_b for match in found} == set(range(3, min(3 + window, FRAMES)))
         assert all(match.frame_b - match.frame_a <= window for match in found)
 
@@ -217,7 +222,7 @@ def test_tracks_grow_no_further_than_the_window() -> None:
 def test_what_is_known_is_not_added_again() -> None:
     label = one_label_each()
     label[4] = -1
-    found = rematch(make_world().solve(label), WINDOW)
+    found = match_to_landmarks(make_world().solve(label), WINDOW)
     once = add_matches([], found)
     count = sum(len(match) for match in once)
     assert 0.85 * POINTS < count <= POINTS
@@ -228,28 +233,33 @@ def test_what_is_known_is_not_added_again() -> None:
 
 def test_nothing_known_proposes_nothing() -> None:
     world = make_world()
-    solved = world.solve(one_label_each())
+    triangulated = world.solve(one_label_each())
     nothing = Tracks(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
-    assert rematch(replace(solved, tracks=nothing, xyz_m=np.zeros((0, 3)), known=np.zeros(0, dtype=bool)), WINDOW) == []
+    assert (
+        match_to_landmarks(
+            replace(triangulated, tracks=nothing, xyz_m=np.zeros((0, 3)), has_point=np.zeros(0, dtype=bool)), WINDOW
+        )
+        == []
+    )
     label = one_label_each()
     label[4] = -1
     unknown = np.zeros(POINTS, dtype=bool)
-    assert rematch(replace(world.solve(label), known=unknown), WINDOW) == []
+    assert match_to_landmarks(replace(world.solve(label), has_point=unknown), WINDOW) == []
     empty = keypoints_at(np.zeros(0), np.zeros(0), np.zeros((0, 61), dtype=np.uint8))
     keypoints = [empty if number == 4 else frame for number, frame in enumerate(world.keypoints)]
-    assert rematch(replace(world.solve(label), keypoints=keypoints), WINDOW) == []
+    assert match_to_landmarks(replace(world.solve(label), keypoints=keypoints), WINDOW) == []
 
 
 def test_sigmas_are_those_of_the_new_keypoint() -> None:
     label = one_label_each()
     label[4] = -1
-    solved = make_world().solve(label)
-    stated = replace(solved.tracks, sigma=np.tile([0.05, 0.02], (len(solved.tracks), 1)))
-    found = rematch(replace(solved, tracks=stated), WINDOW)
-    assert found and rematch(solved, WINDOW)[0].sigma is None
+    triangulated = make_world().solve(label)
+    stated = replace(triangulated.tracks, sigma=np.tile([0.05, 0.02], (len(triangulated.tracks), 1)))
+    found = match_to_landmarks(replace(triangulated, tracks=stated), WINDOW)
+    assert found and match_to_landmarks(triangulated, WINDOW)[0].sigma is None
     for match in found:
         assert match.sigma is not None
-        np.testing.assert_allclose(match.sigma, np.tile(solved.typical, (len(match), 1)))
+        np.testing.assert_allclose(match.sigma, np.tile(triangulated.default_sigma, (len(match), 1)))
 
 
 def test_predictions_lie_where_points_are_seen_and_as_surely_as_stated() -> None:
@@ -258,7 +268,7 @@ def test_predictions_lie_where_points_are_seen_and_as_surely_as_stated() -> None
     squares = []
     for seed in range(4):
         world = make_world(seed, noise=0.0)
-        predicted = predict_sightings(world.solve(label), 4, WINDOW)
+        predicted = predict_observations(world.solve(label), 4, WINDOW)
         frame, at = world.keypoints[4], np.argsort(world.order[4])
         np.testing.assert_allclose(predicted.range_m, frame.range_m[at], atol=1e-9)
         np.testing.assert_allclose(predicted.bearing_rad, frame.bearing_rad[at], atol=1e-9)
