@@ -188,7 +188,7 @@ class LoopsConfig(Section):
     """Frames that share more landmarks than this are tied together already."""
     max_pairs: int = Field(default=80, ge=1)
     """Pairs of a whole sequence that are matched, apart from the neighbours that support them."""
-    min_likeness: float = Field(default=0.4, ge=0, le=1)
+    min_similarity: float = Field(default=0.4, ge=0, le=1)
     """Frames whose contexts are less alike, 0 to 1, show different places."""
     min_matches: int = Field(default=6, ge=4)
     """Fewest matches that agree on one motion."""

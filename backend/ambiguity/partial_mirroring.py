@@ -60,7 +60,7 @@ def scan_twists(
     Returns:
         (F,) the frames that were tried, (F,) the added misfit over that of the same tracks without.
     """
-    first, last = _find_ends(tracks)
+    first, last = _frame_span(tracks)
     frames, misfit = [], []
     for frame in range(NEAREST_END, len(world_from_vehicle) - NEAREST_END - 1, STRIDE):
         spanning = np.flatnonzero((first <= frame) & (last > frame))
@@ -132,7 +132,7 @@ def _fit_points(
     return float(np.minimum((found.residual**2).sum(axis=1), yardstick.gate.truncation**2).sum())
 
 
-def _find_ends(tracks: Tracks) -> tuple[IntArray, IntArray]:
+def _frame_span(tracks: Tracks) -> tuple[IntArray, IntArray]:
     """First and last frame of each track, (T,) each; observations are sorted by track and frame."""
     begins = np.flatnonzero(np.diff(tracks.track, prepend=-1))
     ends = np.append(begins[1:], len(tracks)) - 1

@@ -17,7 +17,7 @@ APART = 4.0
 
 
 @dataclass(frozen=True)
-class TrackedKeypoints:
+class KeypointTracks:
     """The tracks of a sequence, looked up by keypoint."""
 
     tracks: Tracks

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from scipy.stats import binom
 
 from asfm.config import Config
-from asfm.frontend.loops.keypoint_tracks import TrackedKeypoints
+from asfm.frontend.loops.keypoint_tracks import KeypointTracks
 from asfm.frontend.matching.filters import FramePair, difference_sigma, filter_matches
 from asfm.frontend.matching.nearest import find_nearest_neighbours
 from asfm.frontend.matching.pairwise_consistency import find_distance_outliers
@@ -22,7 +22,7 @@ from asfm.geometry.poses import invert
 from asfm.geometry.sonar import SonarModel, back_project
 from asfm.types import BoolArray, FloatArray, Keypoints, Matches
 
-RIVAL_FILTERS = ("mutual", "planar", "ssl")
+COMPETING_MOTION_FILTERS = ("mutual", "planar", "ssl")
 """What judges the matches of another motion: not the ratio, for in a scene that repeats itself no nearest is clear."""
 UNSURE = 1 / 3
 """A pair that a sure one supports may have this share of the logarithm of false alarms: two thresholds, as edges have
@@ -34,7 +34,7 @@ OF_DESCRIPTORS = ("mutual", "ratio")
 
 
 @dataclass(frozen=True)
-class Verdict:
+class LoopCheck:
     """What became of a pair of frames."""
 
     matches: Matches
@@ -59,9 +59,9 @@ def verify_loop(
     keypoints: Sequence[Keypoints],
     sonar: SonarModel,
     predicted: PosePrediction,
-    tracked: TrackedKeypoints,
+    tracked: KeypointTracks,
     config: Config,
-) -> Verdict:
+) -> LoopCheck:
     """Judge the matches of one pair of frames.
 
     Args:
@@ -97,11 +97,11 @@ def verify_loop(
         return _reject(matches, "conflicts")
     if _cover(matches, a, b, motion) < settings.min_coverage:
         return _reject(matches, "coverage")
-    if _count_rivals(matches, a, b, near & ~beside, sonar, config) > settings.max_rivals * len(matches):
-        return _reject(matches, "rivals")
+    if _count_competing(matches, a, b, near & ~beside, sonar, config) > settings.max_rivals * len(matches):
+        return _reject(matches, "competing motions")
     shift_m = _disagree(matches, b, motion, predicted)
     tolerance_m = float(np.median(_tolerance(b, sonar, config)[matches.index[:, 1]]))
-    return Verdict(matches, "", shift_m, tolerance_m, alarms <= settings.max_log_alarms)
+    return LoopCheck(matches, "", shift_m, tolerance_m, alarms <= settings.max_log_alarms)
 
 
 def log_false_alarms(tried: int, agree: int, beside: BoolArray) -> float:
@@ -124,7 +124,7 @@ def log_false_alarms(tried: int, agree: int, beside: BoolArray) -> float:
     return float(np.log10(max(motions, 1.0)) + binom.logsf(agree - 3, tried - 2, chance) / np.log(10))
 
 
-def support_each_other(first: Verdict, second: Verdict, window: int) -> bool:
+def are_mutually_consistent(first: LoopCheck, second: LoopCheck, window: int) -> bool:
     """Tell whether two pairs, close in both frames and one of them sure, say the same of the prediction's error."""
     a, b = (abs(getattr(first.matches, name) - getattr(second.matches, name)) for name in ("frame_a", "frame_b"))
     apart_m = float(np.linalg.norm(first.shift_m - second.shift_m))
@@ -132,8 +132,8 @@ def support_each_other(first: Verdict, second: Verdict, window: int) -> bool:
     return (first.sure or second.sure) and a + b > 0 and max(a, b) <= window and agree
 
 
-def _reject(matches: Matches, reason: str) -> Verdict:
-    return Verdict(matches, reason, np.zeros(2), 0.0)
+def _reject(matches: Matches, reason: str) -> LoopCheck:
+    return LoopCheck(matches, reason, np.zeros(2), 0.0)
 
 
 def _pixels(keypoints: Keypoints) -> FloatArray:
@@ -173,7 +173,7 @@ def _find_beside(matches: Matches, a: Keypoints, b: Keypoints, motion: FloatArra
     return beside
 
 
-def _count_rivals(
+def _count_competing(
     matches: Matches, a: Keypoints, b: Keypoints, elsewhere: BoolArray, sonar: SonarModel, config: Config
 ) -> int:
     """Count how many of the matched keypoints of a agree on another motion, with keypoints of b elsewhere."""
@@ -181,10 +181,10 @@ def _count_rivals(
     allowed[matches.index[:, 0]] = elsewhere[matches.index[:, 0]]
     if not allowed.any():
         return 0
-    matching = config.matching.model_copy(update={"filters": RIVAL_FILTERS})
-    rival = FramePair(a, b, find_nearest_neighbours(a, b, allowed), sonar)
+    matching = config.matching.model_copy(update={"filters": COMPETING_MOTION_FILTERS})
+    competing = FramePair(a, b, find_nearest_neighbours(a, b, allowed), sonar)
     return len(
-        filter_matches(rival, matches.frame_a, matches.frame_b, config.model_copy(update={"matching": matching}))
+        filter_matches(competing, matches.frame_a, matches.frame_b, config.model_copy(update={"matching": matching}))
     )
 
 
@@ -220,7 +220,7 @@ def _disagree(matches: Matches, b: Keypoints, motion: FloatArray, predicted: Pos
     return np.asarray((found - points @ a_from_b[:3, :3].T - a_from_b[:3, 3])[:, :2].mean(axis=0))
 
 
-def share_near_arcs(
+def arc_inlier_ratio(
     matches: Matches,
     keypoints: Sequence[Keypoints],
     sonar: SonarModel,

@@ -20,7 +20,7 @@ LEAST_SHARE = 0.5
 """Share of the cells that must lie on each other at a shift, lest chance finds a corner that fits."""
 
 
-def describe_context(frame: Frame, sonar: SonarModel) -> FloatArray:
+def describe_place(frame: Frame, sonar: SonarModel) -> FloatArray:
     """Average the echoes' amplitude in rings and sectors, even in range and bearing.
 
     Square roots calm the brightest echoes; each ring loses its median, because what spreads over a whole ring is the
@@ -41,8 +41,8 @@ def describe_context(frame: Frame, sonar: SonarModel) -> FloatArray:
     return np.asarray(mean - middle[:, None])
 
 
-def compare_contexts(first: FloatArray, second: FloatArray) -> float:
-    """Give the likeness 0..1 of two contexts: their largest correlation over the shifts, none below zero.
+def place_similarity(first: FloatArray, second: FloatArray) -> float:
+    """Give the likeness 0..1 of two descriptors: their largest correlation over the shifts, none below zero.
 
     The correlation is that of the cells on each other with data in both, about their own means.
     """

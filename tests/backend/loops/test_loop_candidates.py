@@ -15,7 +15,7 @@ from asfm.backend.graph.problem import FIRST_POINT, FIRST_POSE, BundleProblem
 from asfm.backend.loops.loop_candidates import LoopPair, LoopSearch, choose_pairs, find_neighbours, search_loops
 from asfm.backend.loops.loop_closure import close_loops
 from asfm.config import BackendConfig, Config, LoopsConfig
-from asfm.frontend.loops.keypoint_tracks import TrackedKeypoints
+from asfm.frontend.loops.keypoint_tracks import KeypointTracks
 from asfm.geometry.poses import invert, make_pose, transform
 from asfm.geometry.sonar import SonarModel, project
 from asfm.navigation.sensor_constraints import SensorConstraints
@@ -278,7 +278,7 @@ def test_loops_that_contradict_each_other_are_all_left_out(
     index = np.zeros((1, 2), dtype=np.int64)
     some = [Matches(number, number + 15, index, np.zeros(1)) for number in range(10)]
     keypoints = [_keypoint_of(trip, frame) for frame in range(30)]
-    tracked = TrackedKeypoints(
+    tracked = KeypointTracks(
         trip.solution.tracks, keypoints, SONAR, Config().noise, np.ones(len(trip.solution.tracks), dtype=bool)
     )
     monkeypatch.setattr(loops, "close_loops", lambda bundle, *_: bundle.world_from_vehicle + 1e-3)
@@ -287,8 +287,8 @@ def test_loops_that_contradict_each_other_are_all_left_out(
     def stand(match: Matches, *rest: FloatArray) -> float:
         return float(match.frame_a < standing and not np.array_equal(rest[2], before))
 
-    monkeypatch.setattr(loops, "share_near_arcs", stand)
-    eyes = loops._Eyes(trip.sequence, keypoints, {}, Config())
+    monkeypatch.setattr(loops, "arc_inlier_ratio", stand)
+    eyes = loops._LoopFrames(trip.sequence, keypoints, {}, Config())
     poses, left = loops._close(some, eyes, trip.solution, tracked)
     assert [match.frame_a for match in left] == list(range(kept))
     assert np.array_equal(poses, before) == (kept == 0)
@@ -298,10 +298,10 @@ def test_loops_that_the_poses_agree_with_leave_them_alone(monkeypatch: pytest.Mo
     trip = make_round_trip(0)
     keypoints = [_keypoint_of(trip, frame) for frame in range(30)]
     everything = np.ones(len(trip.solution.tracks), dtype=bool)
-    tracked = TrackedKeypoints(trip.solution.tracks, keypoints, SONAR, Config().noise, everything)
-    monkeypatch.setattr(loops, "share_near_arcs", lambda *_: 1.0)
+    tracked = KeypointTracks(trip.solution.tracks, keypoints, SONAR, Config().noise, everything)
+    monkeypatch.setattr(loops, "arc_inlier_ratio", lambda *_: 1.0)
     some = [Matches(1, 25, np.zeros((1, 2), dtype=np.int64), np.zeros(1))]
-    poses, left = loops._close(some, loops._Eyes(trip.sequence, keypoints, {}, Config()), trip.solution, tracked)
+    poses, left = loops._close(some, loops._LoopFrames(trip.sequence, keypoints, {}, Config()), trip.solution, tracked)
     assert left == some and poses is trip.solution.bundle.world_from_vehicle
 
 
@@ -325,13 +325,13 @@ def test_sightings_are_of_the_other_sides_landmarks() -> None:
     trip = make_round_trip(0)
     keypoints = [_keypoint_of(trip, frame) for frame in range(30)]
     tracks = trip.solution.tracks
-    tracked = TrackedKeypoints(tracks, keypoints, SONAR, Config().noise, np.ones(len(tracks), dtype=bool))
+    tracked = KeypointTracks(tracks, keypoints, SONAR, Config().noise, np.ones(len(tracks), dtype=bool))
     first, last = (tracks.track[tracks.frame == frame] for frame in (0, 29))
     np.testing.assert_array_equal(tracked.find(29, np.arange(len(last))), last)
     match = Matches(0, 29, np.array([[0, 0]]), np.zeros(1))
-    again = loops.see_again([match, match], tracked)
+    again = loops.loop_observations([match, match], tracked)
     assert sorted(zip(again.track.tolist(), again.frame.tolist(), strict=True)) == sorted(
         [(int(first[0]), 29), (int(last[0]), 0)]
     )
     same = np.argwhere(tracks.track[tracks.frame == 0][:, None] == tracks.track[tracks.frame == 1])[:1]
-    assert len(loops.see_again([Matches(0, 1, same, np.zeros(1))], tracked)) == 0
+    assert len(loops.loop_observations([Matches(0, 1, same, np.zeros(1))], tracked)) == 0

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from asfm.config import Config
-from asfm.frontend.loops.keypoint_tracks import TrackedKeypoints
-from asfm.frontend.loops.loop_verification import Verdict, log_false_alarms, support_each_other, verify_loop
+from asfm.frontend.loops.keypoint_tracks import KeypointTracks
+from asfm.frontend.loops.loop_verification import LoopCheck, are_mutually_consistent, log_false_alarms, verify_loop
 from asfm.frontend.matching.pair_matching import match_pairs
 from asfm.geometry.elevation_arcs import PosePrediction
 from asfm.geometry.poses import invert, make_pose, transform
@@ -76,27 +76,27 @@ def at(y_m: float, yaw_rad: float = 0.0) -> FloatArray:
 
 def judge(
     sights: list[Sight], believed: FloatArray, shift_m: float, turn_rad: float, tracks: Tracks = NO_TRACKS
-) -> tuple[Verdict, float]:
-    """Match and verify frames 0 and 1; give the verdict and the share of its matches that join one point."""
+) -> tuple[LoopCheck, float]:
+    """Match and verify frames 0 and 1; give the check and the share of its matches that join one point."""
     keypoints = [sight.keypoints for sight in sights]
     predicted = PosePrediction(believed, turn_rad, shift_m)
     (matches,) = match_pairs([(0, 1)], keypoints, CONFIG, SONAR, predicted)
-    tracked = TrackedKeypoints(tracks, keypoints, SONAR, CONFIG.noise, np.ones(len(tracks), dtype=bool))
-    verdict = verify_loop(matches, keypoints, SONAR, predicted, tracked, CONFIG)
-    a, b = (sight.point[which] for sight, which in zip(sights[:2], verdict.matches.index.T, strict=True))
-    return verdict, float(np.mean((a == b) & (a >= 0))) if len(a) else 0.0
+    tracked = KeypointTracks(tracks, keypoints, SONAR, CONFIG.noise, np.ones(len(tracks), dtype=bool))
+    check = verify_loop(matches, keypoints, SONAR, predicted, tracked, CONFIG)
+    a, b = (sight.point[which] for sight, which in zip(sights[:2], check.matches.index.T, strict=True))
+    return check, float(np.mean((a == b) & (a >= 0))) if len(a) else 0.0
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_place_seen_again_is_accepted(seed: int) -> None:
-    """The prediction is wrong by 0.3 m, as it says it may be; the verdict tells by how much."""
+    """The prediction is wrong by 0.3 m, as it says it may be; the check tells by how much."""
     rng = np.random.default_rng(seed)
     scene, poses = make_random_scene(rng), [at(0.0), at(0.5, 0.1)]
     sights = [see(scene, pose, rng) for pose in poses]
-    verdict, right = judge(sights, np.stack([at(0.0), at(0.8, 0.1)]), 0.2, 0.03)
-    assert verdict.accepted and len(verdict.matches) >= CONFIG.loops.min_matches
+    check, right = judge(sights, np.stack([at(0.0), at(0.8, 0.1)]), 0.2, 0.03)
+    assert check.accepted and len(check.matches) >= CONFIG.loops.min_matches
     assert right > 0.95
-    np.testing.assert_allclose(verdict.shift_m, [0.0, -0.3], atol=0.1)
+    np.testing.assert_allclose(check.shift_m, [0.0, -0.3], atol=0.1)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -104,8 +104,8 @@ def test_two_places_are_not_accepted(seed: int) -> None:
     rng = np.random.default_rng(seed)
     sights = [see(make_random_scene(rng), at(0.0), rng), see(make_random_scene(rng), at(0.0), rng)]
     sights = [sights[0], Sight(_other_looks(sights[1].keypoints, rng), sights[1].point)]
-    verdict, _ = judge(sights, np.stack([at(0.0), at(0.0)]), 1.0, 0.2)
-    assert not verdict.accepted
+    check, _ = judge(sights, np.stack([at(0.0), at(0.0)]), 1.0, 0.2)
+    assert not check.accepted
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -116,8 +116,8 @@ def test_a_row_of_equal_piles_never_closes_wrongly(seed: int, spacing_m: float, 
     rng = np.random.default_rng(seed)
     scene = make_row_of_piles(rng, spacing_m)
     sights = [see(scene, at(0.0), rng), see(scene, at(0.3), rng)]
-    verdict, right = judge(sights, np.stack([at(0.0), at(0.3 + spacing_m)]), sigma_m, 0.02)
-    assert not verdict.accepted or right > 0.9
+    check, right = judge(sights, np.stack([at(0.0), at(0.3 + spacing_m)]), sigma_m, 0.02)
+    assert not check.accepted or right > 0.9
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -139,8 +139,8 @@ def test_one_thing_alike_in_two_places_is_not_enough(seed: int) -> None:
     rng = np.random.default_rng(seed)
     scene = make_row_of_piles(rng, 6.0, own_looks=250)
     sights = [see(scene, at(0.0), rng), see(scene, at(6.0), rng)]
-    verdict, right = judge(sights, np.stack([at(0.0), at(0.0)]), 0.3, 0.02)
-    assert verdict.reason == "coverage" and right == 0.0
+    check, right = judge(sights, np.stack([at(0.0), at(0.0)]), 0.3, 0.02)
+    assert check.reason == "coverage" and right == 0.0
     again, right = judge([sights[0], see(scene, at(0.2), rng)], np.stack([at(0.0), at(0.0)]), 0.3, 0.02)
     assert again.accepted and right > 0.95
 
@@ -150,8 +150,8 @@ def test_without_a_prediction_worth_its_name_an_ambiguous_scene_is_not_closed() 
     rng = np.random.default_rng(0)
     scene = make_row_of_piles(rng, 1.0)
     sights = [see(scene, at(0.0), rng, 0), see(scene, at(0.0), rng, 0)]
-    verdict, _ = judge(sights, np.stack([at(0.0), at(0.0)]), 1.0, 0.02)
-    assert not verdict.accepted
+    check, _ = judge(sights, np.stack([at(0.0), at(0.0)]), 1.0, 0.02)
+    assert not check.accepted
 
 
 def test_chance_is_ruled_out_by_many_and_not_by_few() -> None:
@@ -172,14 +172,14 @@ def test_neighbours_support_what_they_agree_with() -> None:
     again, _ = judge(sights, np.stack([at(0.0), at(0.7)]), 0.2, 0.03)
     other, _ = judge(sights, np.stack([at(0.0), at(-0.2)]), 0.4, 0.03)
     assert first.accepted and other.accepted
-    assert not support_each_other(first, again, 8)  # a pair does not support itself
-    assert support_each_other(first, _at_frames(again, 1, 2), 8)
-    assert not support_each_other(first, _at_frames(again, 1, 20), 8)
-    assert not support_each_other(first, _at_frames(other, 1, 2), 8)
+    assert not are_mutually_consistent(first, again, 8)  # a pair does not support itself
+    assert are_mutually_consistent(first, _at_frames(again, 1, 2), 8)
+    assert not are_mutually_consistent(first, _at_frames(again, 1, 20), 8)
+    assert not are_mutually_consistent(first, _at_frames(other, 1, 2), 8)
 
 
-def _at_frames(verdict: Verdict, frame_a: int, frame_b: int) -> Verdict:
-    return replace(verdict, matches=replace(verdict.matches, frame_a=frame_a, frame_b=frame_b))
+def _at_frames(check: LoopCheck, frame_a: int, frame_b: int) -> LoopCheck:
+    return replace(check, matches=replace(check.matches, frame_a=frame_a, frame_b=frame_b))
 
 
 def _other_looks(keypoints: Keypoints, rng: np.random.Generator) -> Keypoints:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from asfm.frontend.loops.place_descriptor import RINGS, SECTORS, compare_contexts, describe_context
+from asfm.frontend.loops.place_descriptor import RINGS, SECTORS, describe_place, place_similarity
 from asfm.geometry.sonar import SonarModel
 from asfm.types import FloatArray, Frame
 
@@ -24,13 +24,13 @@ def draw(seed: int, shift: tuple[int, int] = (0, 0), gain: float = 1.0, noise_se
 
 
 def likeness(a: Frame, b: Frame) -> float:
-    return compare_contexts(describe_context(a, SONAR), describe_context(b, SONAR))
+    return place_similarity(describe_place(a, SONAR), describe_place(b, SONAR))
 
 
 def test_a_frame_is_like_itself() -> None:
-    context = describe_context(draw(1), SONAR)
-    assert context.shape == (RINGS, SECTORS)
-    assert compare_contexts(context, context) == pytest.approx(1.0)
+    descriptor = describe_place(draw(1), SONAR)
+    assert descriptor.shape == (RINGS, SECTORS)
+    assert place_similarity(descriptor, descriptor) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("gain", [0.01, 0.2, 3.0])
@@ -77,5 +77,5 @@ def test_a_small_image_has_a_context() -> None:
     shape = (12, 8)
     sonar = SonarModel.evenly_spaced("tiny", (0.5, 10.0), (-0.6, 0.6), shape, 0.3)
     image = np.random.default_rng(0).random(shape).astype(np.float32)
-    context = describe_context(Frame(0, 0.0, image, np.zeros(shape, dtype=bool)), sonar)
-    assert 0.0 <= compare_contexts(context, context) <= 1.0
+    descriptor = describe_place(Frame(0, 0.0, image, np.zeros(shape, dtype=bool)), sonar)
+    assert 0.0 <= place_similarity(descriptor, descriptor) <= 1.0
