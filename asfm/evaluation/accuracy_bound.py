@@ -132,10 +132,10 @@ def _solve(
     """
     from asfm.backend.graph.bundle_adjustment import adjust_bundle  # loads GTSAM
     from asfm.backend.graph.problem import BundleProblem
-    from asfm.backend.initialisation.initial_poses import start_from_odometry, start_from_tracks
+    from asfm.backend.initialisation.initial_poses import initialise_from_odometry, initialise_from_tracks
 
     assert tracks.sigma is not None
-    start = start_from_odometry(sequence, config) or start_from_tracks(sequence, tracks, config, rng)
+    start = initialise_from_odometry(sequence, config) or initialise_from_tracks(sequence, tracks, config, rng)
     start_from_true = start.world_from_vehicle[0] @ invert(world_from_vehicle[0])
     problem = BundleProblem(
         tracks=tracks,

@@ -14,7 +14,7 @@ REFITS = 3
 """How often the motion is fitted again to those that agree."""
 
 
-def agree_on_planar_motion(
+def estimate_planar_motion_msac(
     xy_a: FloatArray, xy_b: FloatArray, tolerance_m: FloatArray, picks: IntArray
 ) -> tuple[FloatArray, BoolArray]:
     """Find the planar motion a_from_b that most points agree with, trying that of each picked pair of points.

@@ -6,7 +6,7 @@ import numpy as np
 
 from asfm.config import BackendConfig
 from asfm.geometry.poses import interpolate
-from asfm.navigation.outlier_filter import find_spikes
+from asfm.navigation.outlier_filter import find_outliers
 from asfm.sequence import Sequence
 from asfm.types import BoolArray, FloatArray, Navigation, Trajectory
 
@@ -18,7 +18,7 @@ UNITS = ((1.0, "m"), (180 / np.pi, "deg"), (180 / np.pi, "deg"))
 
 
 @dataclass(frozen=True)
-class Levels:
+class DepthAttitude:
     """What navigation says of each frame's height, roll and pitch."""
 
     z_roll_pitch: FloatArray
@@ -28,7 +28,9 @@ class Levels:
     warnings: tuple[str, ...] = ()
 
 
-def read_levels(sequence: Sequence, config: BackendConfig, odometry: Trajectory | None = None) -> Levels:
+def interpolate_depth_attitude(
+    sequence: Sequence, config: BackendConfig, odometry: Trajectory | None = None
+) -> DepthAttitude:
     """Interpolate depth and attitude at the frames' stamps.
 
     A reading that stands alone against the running median of its neighbours is left out. So are frames in a gap of
@@ -41,21 +43,21 @@ def read_levels(sequence: Sequence, config: BackendConfig, odometry: Trajectory 
     """
     navigation = sequence.navigation
     if navigation is None or not config.use_navigation or not len(navigation.timestamps_s):
-        return Levels(np.zeros((0, 3)), np.zeros((0, 3)))
+        return DepthAttitude(np.zeros((0, 3)), np.zeros((0, 3)))
     readings = stack_readings(navigation)
     sigma = _sensor_sigma(sequence)
-    level = _flatten(readings, navigation, odometry)
-    wrong, away = find_spikes(level, sigma + _odometry_sigma(sequence, odometry), navigation.timestamps_s)
+    level = _detrend(readings, navigation, odometry)
+    wrong, away = find_outliers(level, sigma + _odometry_sigma(sequence, odometry), navigation.timestamps_s)
     values, widened = np.empty((len(sequence), 3)), np.empty((len(sequence), 3))
     for channel in range(3):
         good = ~wrong[:, channel]
         stamps_s = navigation.timestamps_s[good]
         values[:, channel] = np.interp(sequence.timestamps_s, stamps_s, readings[good, channel])
-        sharing = count_sharing(stamps_s, sequence.timestamps_s, navigation.timestamps_s)
+        sharing = frames_per_reading(stamps_s, sequence.timestamps_s, navigation.timestamps_s)
         widened[:, channel] = sigma[channel] * np.sqrt(sharing)
-    far = ~np.isfinite(count_sharing(navigation.timestamps_s, sequence.timestamps_s))
+    far = ~np.isfinite(frames_per_reading(navigation.timestamps_s, sequence.timestamps_s))
     warnings = _tell_wrong(wrong, away, sigma) + _tell_gaps(far)
-    return Levels(values, widened, warnings)
+    return DepthAttitude(values, widened, warnings)
 
 
 def stack_readings(navigation: Navigation) -> FloatArray:
@@ -63,14 +65,14 @@ def stack_readings(navigation: Navigation) -> FloatArray:
     return np.stack([navigation.z_m, np.unwrap(navigation.roll_rad), navigation.pitch_rad], axis=1)
 
 
-def tilt_of(world_from_vehicle: FloatArray) -> FloatArray:
+def depth_roll_pitch(world_from_vehicle: FloatArray) -> FloatArray:
     """Give the (N, 3) z_m, roll_rad, pitch_rad of (N, 4, 4) poses; the roll runs on beyond half a turn."""
     ahead, aside, up = world_from_vehicle[:, 2, :3].T
     roll_rad = np.unwrap(np.arctan2(aside, up))
     return np.stack([world_from_vehicle[:, 2, 3], roll_rad, np.arctan2(-ahead, np.hypot(aside, up))], axis=1)
 
 
-def count_sharing(stamps_s: FloatArray, at_s: FloatArray, all_s: FloatArray | None = None) -> FloatArray:
+def frames_per_reading(stamps_s: FloatArray, at_s: FloatArray, all_s: FloatArray | None = None) -> FloatArray:
     """Count how many stamps share the knowledge of one reading: (M,), at least 1; infinite where none is near.
 
     Args:
@@ -105,11 +107,11 @@ def _odometry_sigma(sequence: Sequence, odometry: Trajectory | None) -> FloatArr
     return np.array([noise.odometry_translation_m, noise.odometry_rotation_rad, noise.odometry_rotation_rad])
 
 
-def _flatten(readings: FloatArray, navigation: Navigation, odometry: Trajectory | None) -> FloatArray:
+def _detrend(readings: FloatArray, navigation: Navigation, odometry: Trajectory | None) -> FloatArray:
     """Take the odometry's height and tilt off the readings: what is left wanders slowly."""
     if odometry is None:
         return readings
-    level = tilt_of(interpolate(odometry.timestamps_s, odometry.world_from_vehicle, navigation.timestamps_s))
+    level = depth_roll_pitch(interpolate(odometry.timestamps_s, odometry.world_from_vehicle, navigation.timestamps_s))
     return readings - level
 
 

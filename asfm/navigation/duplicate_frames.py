@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from asfm.backend.initialisation.initial_poses import Start
+from asfm.backend.initialisation.initial_poses import InitialPoses
 from asfm.navigation.depth_attitude import name_frames
 from asfm.types import BoolArray, Keypoints, Matches
 
@@ -14,7 +14,7 @@ FEWEST_KEYPOINTS = 10
 """An image with fewer features may look like another by chance."""
 
 
-def find_repeats(keypoints: Rows[Keypoints]) -> BoolArray:
+def find_duplicate_frames(keypoints: Rows[Keypoints]) -> BoolArray:
     """Tell which frames show exactly the features of the frame before, to the last bit: (N,)."""
     same = [
         len(after) >= FEWEST_KEYPOINTS
@@ -25,8 +25,8 @@ def find_repeats(keypoints: Rows[Keypoints]) -> BoolArray:
     return np.array([False, *same][: len(keypoints)], dtype=bool)
 
 
-def drop_repeats(
-    keypoints: Rows[Keypoints], candidates: list[Matches], start: Start | None
+def drop_duplicate_frames(
+    keypoints: Rows[Keypoints], candidates: list[Matches], start: InitialPoses | None
 ) -> tuple[list[Matches], tuple[str, ...]]:
     """Leave out the matches of repeated frames where odometry has moved meanwhile: they would say that it stood still.
 
@@ -35,22 +35,22 @@ def drop_repeats(
     Returns:
         The matches that remain, and a sentence where some were left out.
     """
-    repeats = find_repeats(keypoints)
-    if start is None or not repeats.any():
+    duplicates = find_duplicate_frames(keypoints)
+    if start is None or not duplicates.any():
         return candidates, ()
     steps, sigma = start.sensors.steps, start.sensors.step_sigma
     turn_rad = np.linalg.norm(Rotation.from_matrix(steps[:, :3, :3]).as_rotvec(), axis=1)
     shift_m = np.linalg.norm(steps[:, :3, 3], axis=1)
     squares = (turn_rad / sigma[:, 0]) ** 2 + (shift_m / sigma[:, 1]) ** 2
-    meanwhile = repeats[1:]
+    meanwhile = duplicates[1:]
     # noise alone makes six on average, as many as a step has degrees of freedom
     if squares.sum() < 6 * len(steps) + 3 * np.sqrt(12 * len(steps)) or squares[meanwhile].mean() < 6:
         return candidates, ()
     turn_rad, shift_m = turn_rad[meanwhile], shift_m[meanwhile]
-    kept = [match for match in candidates if not (repeats[match.frame_a] or repeats[match.frame_b])]
+    kept = [match for match in candidates if not (duplicates[match.frame_a] or duplicates[match.frame_b])]
     sentence = (
-        f"{int(repeats.sum())} of {len(repeats)} frames ({name_frames(repeats)}) repeat the image before them while "
-        f"odometry moves by {float(np.median(shift_m)):.2g} m and {np.rad2deg(np.median(turn_rad)):.2g} deg a frame: "
+        f"{int(duplicates.sum())} of {len(duplicates)} frames ({name_frames(duplicates)}) repeat the image before them "
+        f"while odometry moves by {float(np.median(shift_m)):.2g} m and {np.rad2deg(np.median(turn_rad)):.2g} deg a frame: "
         "what they show is left out"
     )
     return kept, (sentence,)

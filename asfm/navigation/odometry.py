@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from asfm.config import BackendConfig
 from asfm.geometry.poses import interpolate, invert, make_pose
-from asfm.navigation.depth_attitude import count_sharing, name_frames
-from asfm.navigation.outlier_filter import FEWEST, SIGMAS, TO_SIGMA, running_median
+from asfm.navigation.depth_attitude import frames_per_reading, name_frames
+from asfm.navigation.outlier_filter import FEWEST, MAD_TO_SIGMA, SIGMAS, running_median
 from asfm.sequence import Sequence
 from asfm.types import BoolArray, FloatArray, SensorNoise
 
@@ -27,7 +27,7 @@ class Odometry:
     step_sigma: FloatArray
     """(N - 1, 2) standard deviations of the steps' rotation in rad and translation in m, each axis."""
     warnings: tuple[str, ...] = ()
-    doubted: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    unreliable: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
     """(N - 1,) which steps jump, or lie where no reading is near."""
 
 
@@ -76,7 +76,7 @@ def _find_jumps(steps: FloatArray, sigma: float) -> tuple[BoolArray, FloatArray]
     """Tell which of (N, 3) steps jump: (N,), and the running median (N, 3)."""
     usual = running_median(steps)
     away = np.linalg.norm(steps - usual, axis=1)
-    typical = TO_SIGMA * float(np.median(away))
+    typical = MAD_TO_SIGMA * float(np.median(away))
     limit = np.maximum(SIGMAS * max(sigma, typical), JUMP_FACTOR * np.linalg.norm(usual, axis=1))
     return np.asarray(away > limit), usual
 
@@ -90,7 +90,7 @@ def _widen_gaps(odometry: Odometry, sequence: Sequence) -> Odometry:
     """Make the steps vague that begin or end where no reading is near."""
     source = sequence.odometry
     assert source is not None
-    far = ~np.isfinite(count_sharing(source.timestamps_s, sequence.timestamps_s))
+    far = ~np.isfinite(frames_per_reading(source.timestamps_s, sequence.timestamps_s))
     if not far.any():
         return odometry
     unknown = far[:-1] | far[1:]
@@ -105,7 +105,7 @@ def _widen_gaps(odometry: Odometry, sequence: Sequence) -> Odometry:
         turn_deg, shift_m = np.rad2deg(sigma[unknown, 0].max()), sigma[unknown, 1].max()
         sentence += f": the steps there count as known to {turn_deg:.2g} deg and {shift_m:.2g} m only"
     return replace(
-        odometry, step_sigma=sigma, warnings=(*odometry.warnings, sentence), doubted=odometry.doubted | unknown
+        odometry, step_sigma=sigma, warnings=(*odometry.warnings, sentence), unreliable=odometry.unreliable | unknown
     )
 
 

@@ -9,10 +9,16 @@ from scipy.spatial.transform import Rotation
 from asfm.config import Config
 from asfm.geometry.poses import invert, make_pose
 from asfm.geometry.sonar import feature_sigma
-from asfm.navigation.depth_attitude import Levels, tilt_of
-from asfm.navigation.odometry_hypotheses import GIVEN, Sighting, expected_miss, miss_distance, propose_faults
-from asfm.navigation.outlier_filter import TO_SIGMA
-from asfm.navigation.sensor_consistency import compare_levels, name_contradictions
+from asfm.navigation.depth_attitude import DepthAttitude, depth_roll_pitch
+from asfm.navigation.odometry_hypotheses import (
+    GIVEN,
+    PointPairs,
+    expected_arc_distance_m,
+    median_arc_distance_m,
+    odometry_hypotheses,
+)
+from asfm.navigation.outlier_filter import MAD_TO_SIGMA
+from asfm.navigation.sensor_consistency import compare_odometry_attitude, name_contradictions
 from asfm.navigation.sensor_constraints import SensorConstraints
 from asfm.sequence import Sequence
 from asfm.types import FloatArray, SensorNoise
@@ -37,71 +43,72 @@ SHOWN = "by the motion that the images show"
 
 
 @dataclass(frozen=True)
-class Verdict:
+class OdometryTest:
     """How far points lie from where each explanation puts them, in the median over pairs of frames."""
 
     pairs: int
-    missed_m: dict[str, float]
+    distance_m: dict[str, float]
     over_expected: float
     """Odometry's own distance over what noise makes of it."""
 
     @property
     def likely(self) -> str | None:
         """The fault without which odometry fits the images best, if it fits them well; of equals the commonest."""
-        faults = {name: miss_m for name, miss_m in self.missed_m.items() if name not in (GIVEN, STILL, SHOWN)}
+        faults = {name: miss_m for name, miss_m in self.distance_m.items() if name not in (GIVEN, STILL, SHOWN)}
         least_m = min(faults.values())
         best = next(name for name, miss_m in faults.items() if miss_m <= EQUAL * least_m)
-        return best if least_m < BETTER * self.missed_m[GIVEN] else None
+        return best if least_m < BETTER * self.distance_m[GIVEN] else None
 
     @property
     def contradicted(self) -> bool:
         """Whether the images contradict the odometry clearly."""
-        given_m = self.missed_m[GIVEN]
-        if self.missed_m[SHOWN] > BETTER * given_m:
+        given_m = self.distance_m[GIVEN]
+        if self.distance_m[SHOWN] > BETTER * given_m:
             return False
-        doubtful = self.likely is not None or given_m > WORSE * self.missed_m[STILL]
+        doubtful = self.likely is not None or given_m > WORSE * self.distance_m[STILL]
         return self.over_expected > (DOUBTFUL if doubtful else CONTRADICTED)
 
 
-def judge_odometry(
+def compare_odometry_hypotheses(
     world_from_vehicle: FloatArray,
     sensors: SensorConstraints,
-    sightings: Rows[Sighting],
+    point_pairs: Rows[PointPairs],
     sequence: Sequence,
     config: Config,
-) -> Verdict | None:
+) -> OdometryTest | None:
     """Hold odometry, (N, 4, 4), and what it may be in truth against the images; None where these show too little."""
-    if len(sightings) < FEWEST_PAIRS:
+    if len(point_pairs) < FEWEST_PAIRS:
         return None
     lever = sequence.vehicle_from_sonar
-    missed_m = {
-        name: float(np.median([miss_distance(seen, poses @ lever, sequence.sonar) for seen in sightings]))
-        for name, poses in propose_faults(world_from_vehicle, lever).items()
+    distance_m = {
+        name: float(np.median([median_arc_distance_m(seen, poses @ lever, sequence.sonar) for seen in point_pairs]))
+        for name, poses in odometry_hypotheses(world_from_vehicle, lever).items()
     }
     still = np.broadcast_to(np.eye(4), world_from_vehicle.shape)
-    missed_m[STILL] = float(np.median([miss_distance(seen, still, sequence.sonar) for seen in sightings]))
-    missed_m[SHOWN] = float(np.median([_own_miss(seen, sequence) for seen in sightings]))
+    distance_m[STILL] = float(np.median([median_arc_distance_m(seen, still, sequence.sonar) for seen in point_pairs]))
+    distance_m[SHOWN] = float(np.median([_own_miss(seen, sequence) for seen in point_pairs]))
     sigma = feature_sigma(sequence.sonar, config.noise)
     over = [
-        miss_distance(seen, world_from_vehicle @ lever, sequence.sonar) / expected_miss(seen, sigma, sensors.step_sigma)
-        for seen in sightings
+        median_arc_distance_m(seen, world_from_vehicle @ lever, sequence.sonar)
+        / expected_arc_distance_m(seen, sigma, sensors.step_sigma)
+        for seen in point_pairs
     ]
-    return Verdict(len(sightings), missed_m, float(np.median(over)))
+    return OdometryTest(len(point_pairs), distance_m, float(np.median(over)))
 
 
-def _own_miss(sighting: Sighting, sequence: Sequence) -> float:
-    pair = np.stack([np.eye(4), sighting.a_from_b])
-    return miss_distance(replace(sighting, frame_a=0, frame_b=1), pair, sequence.sonar)
+def _own_miss(pair: PointPairs, sequence: Sequence) -> float:
+    poses = np.stack([np.eye(4), pair.a_from_b])
+    return median_arc_distance_m(replace(pair, frame_a=0, frame_b=1), poses, sequence.sonar)
 
 
-def describe_verdict(verdict: Verdict, sigma: FloatArray) -> str:
+def describe_test(test: OdometryTest, sigma: FloatArray) -> str:
     """Say in one sentence that the images contradict odometry, and how well its steps count as known from now on."""
-    given_m, shown_m = verdict.missed_m[GIVEN], verdict.missed_m[SHOWN]
-    likely = verdict.likely
-    seems = f", or {verdict.missed_m[likely]:.2g} m {likely}: so it is taken" if likely else ""
+    given_m, shown_m = test.distance_m[GIVEN], test.distance_m[SHOWN]
+    likely = test.likely
+    seems = f", or {test.distance_m[likely]:.2g} m {likely}: so it is taken" if likely else ""
     return (
-        f"odometry contradicts the images: over {verdict.pairs} pairs of frames points lie {given_m:.2g} m from where "
-        f"its steps put them, {verdict.over_expected:.1f} times what noise makes, and {shown_m:.2g} m {SHOWN}{seems}; "
+        f"odometry contradicts the images: over {test.pairs} pairs of frames points lie {given_m:.2g} m from where "
+        f"its steps put them, {test.over_expected:.1f} times what noise makes, and {shown_m:.2g} m {SHOWN}{seems}; "
         f"its steps count as known to {np.rad2deg(sigma[0]):.2g} deg and {sigma[1]:.2g} m only"
     )
 
@@ -116,23 +123,23 @@ def describe_shift(shift_s: float, sigma: FloatArray) -> str:
 
 
 def measure_disagreement(
-    world_from_vehicle: FloatArray, sightings: Rows[Sighting], vehicle_from_sonar: FloatArray
+    world_from_vehicle: FloatArray, point_pairs: Rows[PointPairs], vehicle_from_sonar: FloatArray
 ) -> FloatArray:
     """Give sigmas (2,) of one step, rotation in rad and translation in m, that cover how odometry and images differ."""
     world_from_sonar = world_from_vehicle @ vehicle_from_sonar
     differs = []
-    for seen in sightings:
+    for seen in point_pairs:
         between = invert(world_from_sonar[seen.frame_a]) @ world_from_sonar[seen.frame_b]
         turn_rad = np.linalg.norm(Rotation.from_matrix(between[:3, :3].T @ seen.a_from_b[:3, :3]).as_rotvec())
         shift_m = np.linalg.norm(between[:2, 3] - seen.a_from_b[:2, 3])
         differs.append(np.array([turn_rad, shift_m]) / abs(seen.frame_b - seen.frame_a))
-    return np.asarray(TO_SIGMA * np.median(differs, axis=0))
+    return np.asarray(MAD_TO_SIGMA * np.median(differs, axis=0))
 
 
-def settle_levels(
+def resolve_attitude_conflict(
     world_from_vehicle: FloatArray,
     sensors: SensorConstraints,
-    sightings: Rows[Sighting],
+    point_pairs: Rows[PointPairs],
     sequence: Sequence,
 ) -> tuple[FloatArray, SensorConstraints]:
     """Where odometry and navigation contradict each other, take the one that the images believe.
@@ -142,31 +149,31 @@ def settle_levels(
     Returns:
         (N, 4, 4) poses to start from, and what holds them.
     """
-    levels = Levels(sensors.z_roll_pitch, sensors.z_roll_pitch_sigma)
-    agreement = compare_levels(world_from_vehicle, levels, sequence.noise)
-    wrong = agreement.contradicts
+    depth_attitude = DepthAttitude(sensors.z_roll_pitch, sensors.z_roll_pitch_sigma)
+    consistency = compare_odometry_attitude(world_from_vehicle, depth_attitude, sequence.noise)
+    wrong = consistency.contradicts
     if not wrong.any():
         return world_from_vehicle, sensors
-    sentences = name_contradictions(agreement)
+    sentences = name_contradictions(consistency)
     lever = sequence.vehicle_from_sonar
-    if len(sightings) >= FEWEST_PAIRS:
-        readings = np.where(wrong, sensors.z_roll_pitch, tilt_of(world_from_vehicle))
-        corrected = _take_levels(world_from_vehicle, readings)
+    if len(point_pairs) >= FEWEST_PAIRS:
+        readings = np.where(wrong, sensors.z_roll_pitch, depth_roll_pitch(world_from_vehicle))
+        corrected = _with_depth_attitude(world_from_vehicle, readings)
         given, other = (
-            float(np.mean([miss_distance(seen, poses @ lever, sequence.sonar) for seen in sightings]))
+            float(np.mean([median_arc_distance_m(seen, poses @ lever, sequence.sonar) for seen in point_pairs]))
             for poses in (world_from_vehicle, corrected)
         )
         if other < AS_GOOD * given:
             told = f"the images believe navigation ({other:.2g} m instead of {given:.2g} m): odometry takes it over"
             sentences = tuple(f"{sentence}; {told}" for sentence in sentences)
-            return corrected, take_over(sensors, corrected, sequence.noise, sentences)
+            return corrected, recompute_steps(sensors, corrected, sequence.noise, sentences)
     sigma = sensors.z_roll_pitch_sigma.copy()
     sigma[:, wrong] = np.inf
     warnings = (*sensors.warnings, *(f"{sentence}; navigation's is left out" for sentence in sentences))
     return world_from_vehicle, replace(sensors, z_roll_pitch_sigma=sigma, warnings=warnings)
 
 
-def take_over(
+def recompute_steps(
     sensors: SensorConstraints, world_from_vehicle: FloatArray, noise: SensorNoise, sentences: tuple[str, ...]
 ) -> SensorConstraints:
     """Measure the steps between corrected poses, (N, 4, 4), with the noise that the readings added to them."""
@@ -181,7 +188,7 @@ def take_over(
     )
 
 
-def _take_levels(world_from_vehicle: FloatArray, z_roll_pitch: FloatArray) -> FloatArray:
+def _with_depth_attitude(world_from_vehicle: FloatArray, z_roll_pitch: FloatArray) -> FloatArray:
     """Give poses the (N, 3) height, roll and pitch of readings, and leave heading and place."""
     heading_rad = np.arctan2(world_from_vehicle[:, 1, 0], world_from_vehicle[:, 0, 0])
     angles = np.stack([heading_rad, z_roll_pitch[:, 2], z_roll_pitch[:, 1]], axis=1)

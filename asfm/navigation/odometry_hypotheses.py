@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from asfm.geometry.planar_motion import agree_on_planar_motion
+from asfm.geometry.planar_motion import estimate_planar_motion_msac
 from asfm.geometry.poses import invert, make_pose, transform
 from asfm.geometry.sonar import SonarModel, project
 from asfm.types import FloatArray, Keypoints, Matches
@@ -32,7 +32,7 @@ GIVEN = "as it is"
 
 
 @dataclass(frozen=True)
-class Sighting:
+class PointPairs:
     """Points that two frames share, as the images alone tell."""
 
     frame_a: int
@@ -45,10 +45,10 @@ class Sighting:
     """(4, 4) planar motion of the sonar that they agree on; of use where they have agreed."""
 
 
-def list_sightings(keypoints: Sequence[Keypoints], candidates: Iterable[Matches]) -> list[Sighting]:
+def collect_point_pairs(keypoints: Sequence[Keypoints], candidates: Iterable[Matches]) -> list[PointPairs]:
     """Gather the points that near frames share, those included that only a prediction of the poses has rejected."""
     pixels = {}
-    sightings = []
+    point_pairs = []
     for matches in candidates:
         if matches.frame_b - matches.frame_a not in GAPS:
             continue
@@ -61,11 +61,11 @@ def list_sightings(keypoints: Sequence[Keypoints], candidates: Iterable[Matches]
                 [index, matches.rejected[matches.rejected_by == matches.filters.index(BY_PREDICTION)]]
             )
         a, b = pixels[matches.frame_a][index[:, 0]], pixels[matches.frame_b][index[:, 1]]
-        sightings.append(Sighting(matches.frame_a, matches.frame_b, a, b, np.eye(4)))
-    return sightings
+        point_pairs.append(PointPairs(matches.frame_a, matches.frame_b, a, b, np.eye(4)))
+    return point_pairs
 
 
-def agree_on_sightings(pairs: Iterable[Sighting], rng: np.random.Generator) -> list[Sighting]:
+def planar_inliers(pairs: Iterable[PointPairs], rng: np.random.Generator) -> list[PointPairs]:
     """Keep of each pair's points those that agree on a planar motion; pairs of too few are left out."""
     pairs = [pair for pair in pairs if len(pair.pixel_a) >= MIN_AGREEING]
     chosen = np.unique(np.linspace(0, len(pairs) - 1, min(len(pairs), MAX_PAIRS)).round().astype(int))
@@ -78,14 +78,14 @@ def agree_on_sightings(pairs: Iterable[Sighting], rng: np.random.Generator) -> l
         first = rng.integers(0, len(xy_a), TRIALS)
         second = (first + rng.integers(1, len(xy_a), TRIALS)) % len(xy_a)
         picks = np.stack([first, second], axis=1)
-        motion, agrees = agree_on_planar_motion(xy_a, xy_b, 0.03 * pair.pixel_b[:, 0], picks)
+        motion, agrees = estimate_planar_motion_msac(xy_a, xy_b, 0.03 * pair.pixel_b[:, 0], picks)
         if agrees.sum() >= max(MIN_AGREEING, 0.25 * len(agrees)):
             which = rng.permutation(np.flatnonzero(agrees))[:MAX_POINTS]
-            agreed.append(Sighting(pair.frame_a, pair.frame_b, pair.pixel_a[which], pair.pixel_b[which], motion))
+            agreed.append(PointPairs(pair.frame_a, pair.frame_b, pair.pixel_a[which], pair.pixel_b[which], motion))
     return agreed
 
 
-def propose_faults(world_from_vehicle: FloatArray, vehicle_from_sonar: FloatArray) -> dict[str, FloatArray]:
+def odometry_hypotheses(world_from_vehicle: FloatArray, vehicle_from_sonar: FloatArray) -> dict[str, FloatArray]:
     """List world_from_vehicle, (N, 4, 4), as it would be without each of the usual faults, by the fault's name."""
     place, rotation = world_from_vehicle[:, :3, 3], Rotation.from_matrix(world_from_vehicle[:, :3, :3])
     proposals = {GIVEN: world_from_vehicle}
@@ -105,26 +105,26 @@ def propose_faults(world_from_vehicle: FloatArray, vehicle_from_sonar: FloatArra
     return proposals
 
 
-def miss_distance(sighting: Sighting, world_from_sonar: FloatArray, sonar: SonarModel) -> float:
+def median_arc_distance_m(pair: PointPairs, world_from_sonar: FloatArray, sonar: SonarModel) -> float:
     """Give the median distance in metres of a pair's points from the elevation arcs that the poses, (N, 4, 4), put them
     on; along the range, and across by the bearing at that range."""
-    b_from_a = invert(world_from_sonar[sighting.frame_b]) @ world_from_sonar[sighting.frame_a]
-    arcs = transform(b_from_a, sonar.elevation_arc(sighting.pixel_a[:, 0], sighting.pixel_a[:, 1], ELEVATIONS))
+    b_from_a = invert(world_from_sonar[pair.frame_b]) @ world_from_sonar[pair.frame_a]
+    arcs = transform(b_from_a, sonar.elevation_arc(pair.pixel_a[:, 0], pair.pixel_a[:, 1], ELEVATIONS))
     range_m, bearing_rad, _ = project(arcs)
-    seen_m, seen_rad = sighting.pixel_b[:, :1], sighting.pixel_b[:, 1:]
+    seen_m, seen_rad = pair.pixel_b[:, :1], pair.pixel_b[:, 1:]
     turn_rad = np.remainder(bearing_rad - seen_rad + np.pi, 2 * np.pi) - np.pi
     return float(np.median(np.hypot(range_m - seen_m, seen_m * turn_rad).min(axis=1)))
 
 
-def expected_miss(sighting: Sighting, feature_sigma: FloatArray, step_sigma: FloatArray) -> float:
+def expected_arc_distance_m(pair: PointPairs, feature_sigma: FloatArray, step_sigma: FloatArray) -> float:
     """Give the distance in metres that noise alone would make, one sigma.
 
     Args:
         feature_sigma: (2,) standard deviations of range_m and bearing_rad.
         step_sigma: (N - 1, 2) standard deviations of the steps' rotation in rad and translation in m.
     """
-    range_m = float(np.median(sighting.pixel_b[:, 0]))
-    first, last = sorted((sighting.frame_a, sighting.frame_b))
+    range_m = float(np.median(pair.pixel_b[:, 0]))
+    first, last = sorted((pair.frame_a, pair.frame_b))
     turn_rad, shift_m = np.sqrt(np.sum(step_sigma[first:last] ** 2, axis=0))
     of_features = np.sqrt(2.0) * np.array([feature_sigma[0], range_m * feature_sigma[1]])
     return float(np.sqrt(np.sum(of_features**2) + 2 * shift_m**2 + (range_m * turn_rad) ** 2))

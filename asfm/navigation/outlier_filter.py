@@ -12,7 +12,7 @@ FEWEST = 2 * HALF_WINDOW
 SIGMAS = 8.0
 """A reading farther than this many of its own sigmas from the curve, and as many of the typical distance from it, is
 not believed."""
-TO_SIGMA = 1.4826
+MAD_TO_SIGMA = 1.4826
 """A normal distribution's standard deviation over its median absolute deviation."""
 REACH = 2.5
 """Neighbours that are farther away than this many usual half windows lie across a gap."""
@@ -30,7 +30,7 @@ def running_median(values: FloatArray) -> FloatArray:
     return np.asarray(middle[np.clip(np.arange(len(values)) - half, 0, len(middle) - 1)])
 
 
-def find_spikes(
+def find_outliers(
     values: FloatArray, sigma: FloatArray | float, stamps_s: FloatArray | None = None
 ) -> tuple[BoolArray, FloatArray]:
     """Find single wrong values, such as a depth of another metre between two alike.
@@ -52,7 +52,7 @@ def find_spikes(
     window = _windows(len(values))
     apart = _apart(window, np.arange(len(values), dtype=float) if stamps_s is None else stamps_s)
     away = np.abs(values - _predict(values, wrong, window, apart))
-    limit = SIGMAS * np.maximum(sigma, TO_SIGMA * np.median(away, axis=0))
+    limit = SIGMAS * np.maximum(sigma, MAD_TO_SIGMA * np.median(away, axis=0))
     for _ in range(PASSES):
         excess = np.where(wrong, 0.0, away / limit)
         worst = (excess > 1) & (excess >= excess[window].max(axis=1))

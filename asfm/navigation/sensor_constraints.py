@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from asfm.config import BackendConfig
 from asfm.geometry.poses import invert, make_pose
-from asfm.navigation.depth_attitude import read_levels
+from asfm.navigation.depth_attitude import interpolate_depth_attitude
 from asfm.navigation.odometry import read_odometry
 from asfm.sequence import Sequence
 from asfm.types import FloatArray, Trajectory
@@ -50,7 +50,7 @@ def odometry_at_frames(sequence: Sequence, config: BackendConfig) -> FloatArray 
 
 def navigation_at_frames(sequence: Sequence, config: BackendConfig) -> FloatArray:
     """Interpolate depth and attitude at the frames' stamps: (N, 3) z_m, roll_rad, pitch_rad; (0, 3) without."""
-    return read_levels(sequence, config).z_roll_pitch
+    return interpolate_depth_attitude(sequence, config).z_roll_pitch
 
 
 def sensor_constraints(
@@ -69,11 +69,13 @@ def sensor_constraints(
         measured: whether it is odometry.
         warnings: what is wrong with it.
     """
-    levels = read_levels(sequence, config, Trajectory(sequence.timestamps_s, world_from_vehicle) if measured else None)
+    depth_attitude = interpolate_depth_attitude(
+        sequence, config, Trajectory(sequence.timestamps_s, world_from_vehicle) if measured else None
+    )
     noise = sequence.noise
     angle_rad = float(np.hypot(noise.navigation_roll_rad, noise.navigation_pitch_rad) / np.sqrt(2))
     world_sigma = np.full(6, TIGHT)
-    if len(levels.sigma):
+    if len(depth_attitude.sigma):
         world_sigma[[0, 1, 5]] = angle_rad, angle_rad, noise.navigation_z_m
     rotation = np.zeros((6, 6))
     rotation[:3, :3] = rotation[3:, 3:] = world_from_vehicle[0, :3, :3].T
@@ -83,9 +85,9 @@ def sensor_constraints(
         measured=measured,
         steps=invert(world_from_vehicle[:-1]) @ world_from_vehicle[1:],
         step_sigma=step_sigma,
-        z_roll_pitch=levels.z_roll_pitch,
-        z_roll_pitch_sigma=levels.sigma,
-        warnings=(*warnings, *levels.warnings),
+        z_roll_pitch=depth_attitude.z_roll_pitch,
+        z_roll_pitch_sigma=depth_attitude.sigma,
+        warnings=(*warnings, *depth_attitude.warnings),
     )
 
 

@@ -13,11 +13,11 @@ from asfm.backend.estimation.landmarks import describe_landmarks
 from asfm.backend.estimation.solution import Solution, solve_tracks
 from asfm.backend.graph.marginal_covariance import measure_uncertainty
 from asfm.backend.initialisation.initial_poses import (
-    Start,
-    check_start,
-    mend_start,
-    start_from_odometry,
-    start_from_tracks,
+    InitialPoses,
+    initialise_from_odometry,
+    initialise_from_tracks,
+    replace_unreliable_steps,
+    verify_odometry,
 )
 from asfm.config import Config
 from asfm.frontend.denoising.echo_mask import detect_echo_mask
@@ -30,8 +30,8 @@ from asfm.frontend.tracking.guided_matching import add_matches, match_to_landmar
 from asfm.frontend.tracking.track_builder import build_tracks, share_changed
 from asfm.frontend.tracking.triangulated_tracks import TriangulatedTracks
 from asfm.geometry.elevation_arcs import PosePrediction
-from asfm.navigation.duplicate_frames import drop_repeats
-from asfm.navigation.odometry_hypotheses import list_sightings
+from asfm.navigation.duplicate_frames import drop_duplicate_frames
+from asfm.navigation.odometry_hypotheses import collect_point_pairs
 from asfm.pipeline.loop_closure import find_loops
 from asfm.pipeline.self_calibration import apply_calibration, estimate_calibration
 from asfm.prefetch import work_ahead
@@ -124,7 +124,7 @@ def extract(
 
 def predict_poses(sequence: Sequence, config: Config) -> PosePrediction | None:
     """Predict the sonar's poses from the odometry before the images are looked at; None without odometry."""
-    start = start_from_odometry(sequence, config)
+    start = initialise_from_odometry(sequence, config)
     if start is None:
         return None
     noise, lever_m = sequence.noise, float(np.linalg.norm(sequence.vehicle_from_sonar[:3, 3]))
@@ -152,7 +152,7 @@ def solve(
     Returns:
         The sequence, its lever arm corrected where that was asked for, the solution, and what is to be warned of.
     """
-    candidates, repeats = drop_repeats(keypoints, candidates, start_from_odometry(sequence, config))
+    candidates, repeats = drop_duplicate_frames(keypoints, candidates, initialise_from_odometry(sequence, config))
     start = initialise(sequence, keypoints, candidates, config, clock)
     solution = optimise(sequence, keypoints, candidates, start, config, clock)
     calibration = estimate_calibration(solution, config, clock)
@@ -170,19 +170,19 @@ def solve(
 
 def initialise(
     sequence: Sequence, keypoints: list[Keypoints], candidates: list[Matches], config: Config, clock: StageClock
-) -> Start:
+) -> InitialPoses:
     """Start from odometry, or from a chain of planar motions where there is none."""
     with clock.stage("start") as report:
         rng = np.random.default_rng(config.seed)
-        start = start_from_odometry(sequence, config)
+        start = initialise_from_odometry(sequence, config)
         if start is not None:
-            start = check_start(start, sequence, list_sightings(keypoints, candidates), config, rng)
-        if start is None or start.doubted.any():
+            start = verify_odometry(start, sequence, collect_point_pairs(keypoints, candidates), config, rng)
+        if start is None or start.unreliable.any():
             tracks = build_tracks(keypoints, candidates)
             if start is None:
-                start = start_from_tracks(sequence, tracks, config, rng)
+                start = initialise_from_tracks(sequence, tracks, config, rng)
             else:
-                start = mend_start(start, sequence, tracks, rng)
+                start = replace_unreliable_steps(start, sequence, tracks, rng)
             report.counts = {"tracks": tracks.count}
     return start
 
@@ -191,7 +191,7 @@ def optimise(
     sequence: Sequence,
     keypoints: list[Keypoints],
     candidates: list[Matches],
-    start: Start,
+    start: InitialPoses,
     config: Config,
     clock: StageClock,
 ) -> Solution:

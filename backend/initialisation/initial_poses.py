@@ -5,21 +5,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from asfm.backend.initialisation.planar_odometry import chain_planar_motions
+from asfm.backend.initialisation.planar_odometry import planar_odometry
 from asfm.config import Config
 from asfm.geometry.poses import invert, make_pose
-from asfm.navigation.depth_attitude import Levels, read_levels
+from asfm.navigation.depth_attitude import DepthAttitude, interpolate_depth_attitude
 from asfm.navigation.odometry import read_odometry
 from asfm.navigation.odometry_check import (
-    Verdict,
+    OdometryTest,
+    compare_odometry_hypotheses,
     describe_shift,
-    describe_verdict,
-    judge_odometry,
+    describe_test,
     measure_disagreement,
-    settle_levels,
+    resolve_attitude_conflict,
 )
-from asfm.navigation.odometry_hypotheses import Sighting, agree_on_sightings, propose_faults
-from asfm.navigation.sensor_consistency import compare_levels, find_shift, place_at_levels
+from asfm.navigation.odometry_hypotheses import PointPairs, odometry_hypotheses, planar_inliers
+from asfm.navigation.sensor_consistency import align_initial_attitude, compare_odometry_attitude, estimate_time_offset
 from asfm.navigation.sensor_constraints import (
     SensorConstraints,
     level_pose,
@@ -33,96 +33,102 @@ LEAST_STEP = (1e-3, 1e-3)
 """Floor of the motion prior's sigmas: rad, and metres per metre of range."""
 
 
-DOUBT = 2.0
+UNRELIABLE_SIGMA_FACTOR = 2.0
 """Sigmas of an odometry whose fault was undone, over those stated."""
 
 
 @dataclass(frozen=True)
-class Start:
+class InitialPoses:
     """Initial poses, and the constraints between and on them."""
 
     world_from_vehicle: FloatArray
     """(N, 4, 4)"""
     sensors: SensorConstraints
-    doubted: BoolArray
+    unreliable: BoolArray
     """(N - 1,) which steps of the initial poses are not worth starting from."""
 
 
-def start_from_odometry(sequence: Sequence, config: Config) -> Start | None:
+def initialise_from_odometry(sequence: Sequence, config: Config) -> InitialPoses | None:
     """Start from the odometry, or give None where there is none or it is not wanted."""
     odometry = read_odometry(sequence, config.backend)
     if odometry is None:
         return None
     poses, noise = odometry.world_from_vehicle, sequence.noise
-    levels = read_levels(sequence, config.backend, Trajectory(sequence.timestamps_s, poses))
-    trusted = ~compare_levels(poses, levels, noise).contradicts
-    poses, moved = place_at_levels(poses, levels, noise, trusted)
+    depth_attitude = interpolate_depth_attitude(sequence, config.backend, Trajectory(sequence.timestamps_s, poses))
+    trusted = ~compare_odometry_attitude(poses, depth_attitude, noise).contradicts
+    poses, moved = align_initial_attitude(poses, depth_attitude, noise, trusted)
     warnings = (*odometry.warnings, *moved)
     sensors = sensor_constraints(sequence, config.backend, poses, odometry.step_sigma, True, warnings)
-    return Start(poses, sensors, odometry.doubted)
+    return InitialPoses(poses, sensors, odometry.unreliable)
 
 
-def check_start(
-    start: Start, sequence: Sequence, sightings: list[Sighting], config: Config, rng: np.random.Generator
-) -> Start:
+def verify_odometry(
+    start: InitialPoses, sequence: Sequence, point_pairs: list[PointPairs], config: Config, rng: np.random.Generator
+) -> InitialPoses:
     """Hold odometry against the images and against navigation, and make vague what they contradict."""
-    kept = [seen for seen in sightings if not start.doubted[seen.frame_a : seen.frame_b].any()]
-    agreed = agree_on_sightings(kept, rng)
+    kept = [seen for seen in point_pairs if not start.unreliable[seen.frame_a : seen.frame_b].any()]
+    agreed = planar_inliers(kept, rng)
     poses, sensors = start.world_from_vehicle, start.sensors
-    verdict = judge_odometry(poses, sensors, agreed, sequence, config)
-    shift = find_shift(poses, Levels(sensors.z_roll_pitch, sensors.z_roll_pitch_sigma), sequence.noise)
-    contradicted = verdict is not None and verdict.contradicted
+    test = compare_odometry_hypotheses(poses, sensors, agreed, sequence, config)
+    shift = estimate_time_offset(poses, DepthAttitude(sensors.z_roll_pitch, sensors.z_roll_pitch_sigma), sequence.noise)
+    contradicted = test is not None and test.contradicted
     if not agreed or not (contradicted or shift):
-        return Start(*settle_levels(poses, sensors, agreed, sequence), start.doubted)
-    if verdict is not None and contradicted and verdict.likely:
-        return _undo_fault(start, verdict, sequence)
+        return InitialPoses(*resolve_attitude_conflict(poses, sensors, agreed, sequence), start.unreliable)
+    if test is not None and contradicted and test.likely:
+        return _undo_fault(start, test, sequence)
     sigma = measure_disagreement(poses, agreed, sequence.vehicle_from_sonar)
-    sentences = [describe_verdict(verdict, sigma)] if verdict is not None and contradicted else []
+    sentences = [describe_test(test, sigma)] if test is not None and contradicted else []
     if shift:
         sentences.append(describe_shift(shift * float(np.median(np.diff(sequence.timestamps_s))), sigma))
     sensors = replace(sensors, step_sigma=np.hypot(sensors.step_sigma, sigma), warnings=(*sensors.warnings, *sentences))
-    return Start(poses, sensors, np.ones(len(start.doubted), dtype=bool))
+    return InitialPoses(poses, sensors, np.ones(len(start.unreliable), dtype=bool))
 
 
-def _undo_fault(start: Start, verdict: Verdict, sequence: Sequence) -> Start:
+def _undo_fault(start: InitialPoses, test: OdometryTest, sequence: Sequence) -> InitialPoses:
     """Take odometry as it would be without the fault that explains the images, and believe it half as much."""
     sensors, lever = start.sensors, sequence.vehicle_from_sonar
-    undone = propose_faults(start.world_from_vehicle, lever)[str(verdict.likely)]
-    levels = Levels(sensors.z_roll_pitch, sensors.z_roll_pitch_sigma)
-    undone, _ = place_at_levels(undone, levels, sequence.noise, np.ones(3, dtype=bool))
-    sigma = DOUBT * sensors.step_sigma
+    undone = odometry_hypotheses(start.world_from_vehicle, lever)[str(test.likely)]
+    depth_attitude = DepthAttitude(sensors.z_roll_pitch, sensors.z_roll_pitch_sigma)
+    undone, _ = align_initial_attitude(undone, depth_attitude, sequence.noise, np.ones(3, dtype=bool))
+    sigma = UNRELIABLE_SIGMA_FACTOR * sensors.step_sigma
     sensors = replace(
         sensors,
         first_pose=undone[0],
         steps=invert(undone[:-1]) @ undone[1:],
         step_sigma=sigma,
-        warnings=(*sensors.warnings, describe_verdict(verdict, np.median(sigma, axis=0))),
+        warnings=(*sensors.warnings, describe_test(test, np.median(sigma, axis=0))),
     )
-    return Start(undone, sensors, start.doubted)
+    return InitialPoses(undone, sensors, start.unreliable)
 
 
-def mend_start(start: Start, sequence: Sequence, tracks: Tracks, rng: np.random.Generator) -> Start:
+def replace_unreliable_steps(
+    start: InitialPoses, sequence: Sequence, tracks: Tracks, rng: np.random.Generator
+) -> InitialPoses:
     """Put planar motions in the place of the steps that are not worth starting from.
 
     Args:
         tracks: joined without knowledge of the poses.
     """
     poses = start.world_from_vehicle
-    chain, supported = chain_planar_motions(tracks, len(poses), poses[0], sequence.vehicle_from_sonar, rng)
+    chain, supported = planar_odometry(tracks, len(poses), poses[0], sequence.vehicle_from_sonar, rng)
     steps = invert(poses[:-1]) @ poses[1:]
     shown = invert(chain[:-1]) @ chain[1:]
-    steps = np.where((start.doubted & supported[1:])[:, None, None], shown, steps)
+    steps = np.where((start.unreliable & supported[1:])[:, None, None], shown, steps)
     mended = [poses[0]]
     for step in steps:
         mended.append(mended[-1] @ step)
     rotation = Rotation.from_matrix(np.stack(mended)[:, :3, :3])
-    levels = Levels(start.sensors.z_roll_pitch, start.sensors.z_roll_pitch_sigma)
-    trusted = np.full(3, bool(start.doubted.all()))
-    placed, _ = place_at_levels(make_pose(np.stack(mended)[:, :3, 3], rotation), levels, sequence.noise, trusted)
-    return Start(placed, replace(start.sensors, first_pose=placed[0]), start.doubted)
+    depth_attitude = DepthAttitude(start.sensors.z_roll_pitch, start.sensors.z_roll_pitch_sigma)
+    trusted = np.full(3, bool(start.unreliable.all()))
+    placed, _ = align_initial_attitude(
+        make_pose(np.stack(mended)[:, :3, 3], rotation), depth_attitude, sequence.noise, trusted
+    )
+    return InitialPoses(placed, replace(start.sensors, first_pose=placed[0]), start.unreliable)
 
 
-def start_from_tracks(sequence: Sequence, tracks: Tracks, config: Config, rng: np.random.Generator) -> Start:
+def initialise_from_tracks(
+    sequence: Sequence, tracks: Tracks, config: Config, rng: np.random.Generator
+) -> InitialPoses:
     """Start from planar motions between frames that share tracks.
 
     The chain is not a measurement, it was made from the same tracks. What holds the poses where the tracks do not is
@@ -133,7 +139,7 @@ def start_from_tracks(sequence: Sequence, tracks: Tracks, config: Config, rng: n
     """
     navigation = navigation_at_frames(sequence, config.backend)
     first_pose = level_pose(navigation[0]) if len(navigation) else np.eye(4)
-    poses, moved = chain_planar_motions(tracks, len(sequence), first_pose, sequence.vehicle_from_sonar, rng)
+    poses, moved = planar_odometry(tracks, len(sequence), first_pose, sequence.vehicle_from_sonar, rng)
     farthest_m = float(sequence.sonar.range_edges_m[-1])
     sigma = config.backend.motion_prior_factor * np.maximum(
         _typical_step(poses, moved), [LEAST_STEP[0], LEAST_STEP[1] * farthest_m]
@@ -141,7 +147,7 @@ def start_from_tracks(sequence: Sequence, tracks: Tracks, config: Config, rng: n
     held = np.repeat(poses[:1], len(poses), axis=0)
     step_sigma = np.tile(sigma, (len(poses) - 1, 1))
     sensors = sensor_constraints(sequence, config.backend, held, step_sigma, measured=False)
-    return Start(poses, sensors, np.zeros(len(step_sigma), dtype=bool))
+    return InitialPoses(poses, sensors, np.zeros(len(step_sigma), dtype=bool))
 
 
 def _typical_step(world_from_vehicle: FloatArray, moved: BoolArray) -> FloatArray:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from asfm.geometry.planar_motion import agree_on_planar_motion
+from asfm.geometry.planar_motion import estimate_planar_motion_msac
 from asfm.geometry.poses import invert
 from asfm.types import BoolArray, FloatArray, IntArray, Tracks
 
@@ -27,10 +27,10 @@ def estimate_planar_motion(
         (4, 4) a_from_b with no motion out of the plane, (M,) which points agree.
     """
     picks = np.array([rng.choice(len(xy_a), 2, replace=False) for _ in range(trials)])
-    return agree_on_planar_motion(xy_a, xy_b, tolerance_m, picks)
+    return estimate_planar_motion_msac(xy_a, xy_b, tolerance_m, picks)
 
 
-def chain_planar_motions(
+def planar_odometry(
     tracks: Tracks, frame_count: int, first_pose: FloatArray, vehicle_from_sonar: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, BoolArray]:
     """Chain the planar motions between consecutive frames.

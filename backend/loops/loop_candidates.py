@@ -6,7 +6,7 @@ import numpy as np
 
 from asfm.backend.estimation.solution import Solution
 from asfm.backend.graph.relative_covariance import joint_covariance, predict_sigma
-from asfm.backend.initialisation.initial_poses import DOUBT
+from asfm.backend.initialisation.initial_poses import UNRELIABLE_SIGMA_FACTOR
 from asfm.config import LoopsConfig
 from asfm.geometry.poses import invert, transform
 from asfm.geometry.sonar import SonarModel, back_project, project
@@ -146,7 +146,7 @@ def _number_pieces(solution: Solution, sequence: Sequence, least: int) -> IntArr
     known = np.cumsum(change)[:-1] >= least
     if sensors.measured:
         stated = np.array([sequence.noise.odometry_rotation_rad, sequence.noise.odometry_translation_m])
-        known |= (sensors.step_sigma <= DOUBT * stated).all(axis=1)
+        known |= (sensors.step_sigma <= UNRELIABLE_SIGMA_FACTOR * stated).all(axis=1)
     return np.concatenate([[0], np.cumsum(~known)])
 
 

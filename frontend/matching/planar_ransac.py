@@ -4,7 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from asfm.geometry.planar_motion import agree_on_planar_motion
+from asfm.geometry.planar_motion import estimate_planar_motion_msac
 from asfm.types import BoolArray, FloatArray, IntArray, Keypoints
 
 SUREST = 18
@@ -32,7 +32,7 @@ def find_planar_outliers(
     if finite.sum() < FEWEST:
         return np.eye(4), outlier
     picks = pick_surest_pairs(cost[finite])
-    motion, agrees = agree_on_planar_motion(xy_a[finite], xy_b[finite], tolerance_m[finite], picks)
+    motion, agrees = estimate_planar_motion_msac(xy_a[finite], xy_b[finite], tolerance_m[finite], picks)
     outlier[finite] = ~agrees
     return motion, outlier
 

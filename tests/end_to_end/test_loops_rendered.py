@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 
 from asfm.backend.estimation.solution import Solution, solve_tracks
-from asfm.backend.initialisation.initial_poses import Start
+from asfm.backend.initialisation.initial_poses import InitialPoses
 from asfm.config import BackendConfig, Config, LoopsConfig
 from asfm.evaluation.matching import look_up_elevation
 from asfm.frontend.tracking.association import associate
@@ -104,7 +104,7 @@ def _as_scene(mesh: Mesh, level: float) -> Scene:
 @lru_cache(maxsize=4)
 def solve_first_round(
     repeated: bool, seed: int, config: Config
-) -> tuple[list[Keypoints], list[Matches], Start, Solution]:
+) -> tuple[list[Keypoints], list[Matches], InitialPoses, Solution]:
     """Go as far as the pipeline does before it looks for loops."""
     sequence, clock = render_round_trip(repeated, seed).sequence, StageClock()
     keypoints, candidates = extract(sequence, config, NullRecorder(), clock)

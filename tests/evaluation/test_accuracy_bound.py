@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from asfm.backend.estimation.solution import solve_tracks
-from asfm.backend.initialisation.initial_poses import start_from_odometry
+from asfm.backend.initialisation.initial_poses import initialise_from_odometry
 from asfm.config import BackendConfig, Config
 from asfm.errors import AsfmError
 from asfm.evaluation.accuracy_bound import (
@@ -180,7 +180,7 @@ def odometry_and_truth(scene: Scene) -> tuple[FloatArray, FloatArray]:
 
 def test_bound_is_what_a_simulation_of_its_own_gives(scene: Scene) -> None:
     sequence = scene.sequence()
-    start = start_from_odometry(sequence, INDEPENDENT)
+    start = initialise_from_odometry(sequence, INDEPENDENT)
     assert start is not None
     errors_m = []
     for seed in range(6):

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from asfm.config import BackendConfig
 from asfm.geometry.poses import make_pose
 from asfm.geometry.sonar import SonarModel
-from asfm.navigation.depth_attitude import count_sharing, name_frames, read_levels, tilt_of
-from asfm.navigation.outlier_filter import find_spikes
+from asfm.navigation.depth_attitude import depth_roll_pitch, frames_per_reading, interpolate_depth_attitude, name_frames
+from asfm.navigation.outlier_filter import find_outliers
 from asfm.sequence import Sequence
 from asfm.simulation.vehicle.sensors import measure_tilt
 from asfm.types import FloatArray, Frame, Navigation, SensorNoise, Trajectory
@@ -53,7 +53,7 @@ def spoil(sequence: Sequence, column: int, offsets: dict[int, float]) -> Sequenc
 @pytest.mark.parametrize("seed", range(3))
 def test_clean_readings_are_all_believed(seed: int) -> None:
     sequence = make_sequence(seed)
-    levels = read_levels(sequence, BackendConfig())
+    levels = interpolate_depth_attitude(sequence, BackendConfig())
     assert levels.warnings == ()
     assert sequence.navigation is not None
     np.testing.assert_array_equal(levels.z_roll_pitch[:, 0], sequence.navigation.z_m)
@@ -62,7 +62,7 @@ def test_clean_readings_are_all_believed(seed: int) -> None:
 
 @pytest.mark.parametrize("where", [{0: 1.0}, {59: -1.0}, {7: 1.0, 20: -1.0, 33: 1.0, 34: 1.0, 50: -0.5}])
 def test_single_wrong_depths_are_not_believed_and_told(where: dict[int, float]) -> None:
-    levels = read_levels(spoil(make_sequence(), 0, where), BackendConfig())
+    levels = interpolate_depth_attitude(spoil(make_sequence(), 0, where), BackendConfig())
     truth = sway(frame_stamps())
     inner = np.isfinite(levels.sigma[:, 0])
     assert inner.sum() >= COUNT - 1
@@ -72,7 +72,7 @@ def test_single_wrong_depths_are_not_believed_and_told(where: dict[int, float]) 
 
 
 def test_wrong_attitude_leaves_the_depth_alone() -> None:
-    levels = read_levels(spoil(make_sequence(), 1, {30: np.deg2rad(20)}), BackendConfig())
+    levels = interpolate_depth_attitude(spoil(make_sequence(), 1, {30: np.deg2rad(20)}), BackendConfig())
     (sentence,) = levels.warnings
     assert "1 of 60 readings of the roll" in sentence and "deg" in sentence
     assert levels.sigma[30, 1] == pytest.approx(0.003 * np.sqrt(2)), "its neighbours, twice as far apart, stand in"
@@ -84,8 +84,8 @@ def test_a_vehicle_that_really_jumps_is_believed_where_odometry_does_too() -> No
     place = np.zeros((COUNT, 3))
     place[[30, 31], 2] = 1.0
     odometry = Trajectory(sequence.timestamps_s, make_pose(place, Rotation.identity(COUNT)))
-    assert read_levels(sequence, BackendConfig(), odometry).warnings == ()
-    assert len(read_levels(sequence, BackendConfig()).warnings) == 1
+    assert interpolate_depth_attitude(sequence, BackendConfig(), odometry).warnings == ()
+    assert len(interpolate_depth_attitude(sequence, BackendConfig()).warnings) == 1
 
 
 def test_frames_in_a_gap_have_no_depth() -> None:
@@ -95,7 +95,7 @@ def test_frames_in_a_gap_have_no_depth() -> None:
     keep[30:41] = False
     columns = (sequence.navigation.z_m, sequence.navigation.roll_rad, sequence.navigation.pitch_rad)
     cut = Navigation(sequence.navigation.timestamps_s[keep], *(column[keep] for column in columns))
-    levels = read_levels(replace(sequence, navigation=cut), BackendConfig())
+    levels = interpolate_depth_attitude(replace(sequence, navigation=cut), BackendConfig())
     np.testing.assert_array_equal(np.isfinite(levels.sigma).all(axis=1), keep)
     assert np.isfinite(levels.z_roll_pitch).all()
     (sentence,) = levels.warnings
@@ -103,14 +103,14 @@ def test_frames_in_a_gap_have_no_depth() -> None:
 
 
 def test_frames_outside_the_readings_time_have_no_depth() -> None:
-    levels = read_levels(make_sequence(offset_s=4.0), BackendConfig())
+    levels = interpolate_depth_attitude(make_sequence(offset_s=4.0), BackendConfig())
     assert np.flatnonzero(~np.isfinite(levels.sigma[:, 0])).tolist() == [*range(20), 59][:20]
     assert "20 of 60 frames (0-19)" in levels.warnings[0]
 
 
 def test_rare_readings_are_not_counted_more_often_than_they_were_made() -> None:
     """One reading a second, five frames: the information of all frames together is that of the readings."""
-    levels = read_levels(make_sequence(readings_every_s=1.0, offset_s=0.1), BackendConfig())
+    levels = interpolate_depth_attitude(make_sequence(readings_every_s=1.0, offset_s=0.1), BackendConfig())
     known = np.isfinite(levels.sigma[:, 0])
     information = float(np.sum(levels.sigma[known, 0] ** -2.0)) * 0.01**2
     assert 10 < information < 16
@@ -119,10 +119,10 @@ def test_rare_readings_are_not_counted_more_often_than_they_were_made() -> None:
 
 def test_sharing_counts() -> None:
     frames: FloatArray = np.arange(10.0)
-    np.testing.assert_array_equal(count_sharing(frames, frames), np.ones(10))
-    np.testing.assert_array_equal(count_sharing(np.arange(0, 10, 0.1), frames), np.ones(10))
-    assert np.isinf(count_sharing(np.zeros(0), frames)).all()
-    one = count_sharing(np.array([4.0]), frames)
+    np.testing.assert_array_equal(frames_per_reading(frames, frames), np.ones(10))
+    np.testing.assert_array_equal(frames_per_reading(np.arange(0, 10, 0.1), frames), np.ones(10))
+    assert np.isinf(frames_per_reading(np.zeros(0), frames)).all()
+    one = frames_per_reading(np.array([4.0]), frames)
     assert np.flatnonzero(np.isfinite(one)).tolist() == [4]
 
 
@@ -130,20 +130,22 @@ def test_tilt_agrees_with_the_simulator() -> None:
     rng = np.random.default_rng(1)
     poses = make_pose(rng.normal(0, 1, (20, 3)), Rotation.from_euler("ZYX", rng.uniform(-1, 1, (20, 3))))
     roll_rad, pitch_rad = measure_tilt(poses)
-    np.testing.assert_allclose(tilt_of(poses), np.stack([poses[:, 2, 3], roll_rad, pitch_rad], axis=1), atol=1e-12)
+    np.testing.assert_allclose(
+        depth_roll_pitch(poses), np.stack([poses[:, 2, 3], roll_rad, pitch_rad], axis=1), atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 3, 7, 8, 30])
 def test_a_straight_line_holds_no_spike(count: int) -> None:
     line = np.outer(np.arange(count), [0.3, -2.0])
-    assert not find_spikes(line, 1e-6)[0].any()
+    assert not find_outliers(line, 1e-6)[0].any()
 
 
 @pytest.mark.parametrize("index", [0, 1, 5, 18, 19])
 def test_a_spike_on_a_slope_is_found_wherever_it_is(index: int) -> None:
     values = np.arange(20.0)[:, None] * 0.5 + np.random.default_rng(0).normal(0, 0.01, (20, 1))
     values[index] += 3.0
-    wrong, away = find_spikes(values, 0.01)
+    wrong, away = find_outliers(values, 0.01)
     assert np.flatnonzero(wrong[:, 0]).tolist() == [index]
     assert away[index, 0] == pytest.approx(3.0, abs=0.1)
 

@@ -49,7 +49,7 @@ def test_clean_odometry_is_untouched(seed: int) -> None:
     assert sequence.odometry is not None
     np.testing.assert_allclose(odometry.world_from_vehicle, sequence.odometry.world_from_vehicle, atol=1e-12)
     np.testing.assert_array_equal(odometry.step_sigma, np.tile([0.005, 0.02], (COUNT - 1, 1)))
-    assert odometry.warnings == () and not odometry.doubted.any()
+    assert odometry.warnings == () and not odometry.unreliable.any()
 
 
 @pytest.mark.parametrize("step", [0, 1, 20, COUNT - 2])
@@ -64,7 +64,7 @@ def test_a_jump_is_taken_out_and_told(step: int, turned: bool) -> None:
     )
     steps[step] = steps[step] @ jump
     odometry = read(make_sequence(steps))
-    assert np.flatnonzero(odometry.doubted).tolist() == [step]
+    assert np.flatnonzero(odometry.unreliable).tolist() == [step]
     (sentence,) = odometry.warnings
     assert f"between frames {step} and {step + 1}" in sentence and "not believed" in sentence
     assert ("1 m" in sentence) != turned
@@ -81,7 +81,7 @@ def test_one_wrong_pose_spoils_two_steps() -> None:
     poses = sequence.odometry.world_from_vehicle.copy()
     poses[15, :3, 3] += 1.0
     odometry = read(replace(sequence, odometry=replace(sequence.odometry, world_from_vehicle=poses)))
-    assert np.flatnonzero(odometry.doubted).tolist() == [14, 15]
+    assert np.flatnonzero(odometry.unreliable).tolist() == [14, 15]
     truth = sequence.odometry.world_from_vehicle
     assert np.abs((odometry.world_from_vehicle - truth)[:, :3, 3]).max() < 0.15
 
@@ -104,9 +104,9 @@ def test_steps_without_readings_are_vague(lost: range) -> None:
     cut = Trajectory(sequence.odometry.timestamps_s[keep], sequence.odometry.world_from_vehicle[keep])
     odometry = read(replace(sequence, odometry=cut))
     far = ~keep
-    np.testing.assert_array_equal(odometry.doubted, far[:-1] | far[1:])
-    assert odometry.step_sigma[odometry.doubted, 1].min() > 0.04
-    np.testing.assert_array_equal(odometry.step_sigma[~odometry.doubted, 1], 0.02)
+    np.testing.assert_array_equal(odometry.unreliable, far[:-1] | far[1:])
+    assert odometry.step_sigma[odometry.unreliable, 1].min() > 0.04
+    np.testing.assert_array_equal(odometry.step_sigma[~odometry.unreliable, 1], 0.02)
     (sentence,) = odometry.warnings
     assert f"{len(lost)} of {COUNT} frames ({lost[0]}-{lost[-1]})" in sentence
 

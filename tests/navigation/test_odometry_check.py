@@ -8,14 +8,19 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asfm.backend.initialisation.initial_poses import Start, check_start, mend_start, start_from_odometry
+from asfm.backend.initialisation.initial_poses import (
+    InitialPoses,
+    initialise_from_odometry,
+    replace_unreliable_steps,
+    verify_odometry,
+)
 from asfm.config import Config
 from asfm.geometry.poses import invert, make_pose, transform
 from asfm.geometry.sonar import SonarModel, project
-from asfm.navigation.depth_attitude import Levels, tilt_of
-from asfm.navigation.duplicate_frames import drop_repeats, find_repeats
-from asfm.navigation.odometry_hypotheses import Sighting, agree_on_sightings
-from asfm.navigation.sensor_consistency import compare_levels, find_shift, place_at_levels
+from asfm.navigation.depth_attitude import DepthAttitude, depth_roll_pitch
+from asfm.navigation.duplicate_frames import drop_duplicate_frames, find_duplicate_frames
+from asfm.navigation.odometry_hypotheses import PointPairs, planar_inliers
+from asfm.navigation.sensor_consistency import align_initial_attitude, compare_odometry_attitude, estimate_time_offset
 from asfm.sequence import Sequence
 from asfm.simulation.vehicle.sensors import simulate_navigation, simulate_odometry
 from asfm.types import FloatArray, Frame, Keypoints, Matches, Navigation, SensorNoise, Tracks, Trajectory
@@ -66,14 +71,14 @@ def see_floor(seed: int = 0) -> Tracks:
     return Tracks(track, frame.astype(np.int64), range_m + error[:, 0], bearing_rad + error[:, 1])
 
 
-def list_pairs(tracks: Tracks) -> list[Sighting]:
+def list_pairs(tracks: Tracks) -> list[PointPairs]:
     pixels = np.stack([tracks.range_m, tracks.bearing_rad], axis=1)
     pairs = []
     for gap in (1, 2, 4):
         for b in range(gap, COUNT):
             in_a, in_b = (np.flatnonzero(tracks.frame == index) for index in (b - gap, b))
             _, a, of_b = np.intersect1d(tracks.track[in_a], tracks.track[in_b], return_indices=True)
-            pairs.append(Sighting(b - gap, b, pixels[in_a[a]], pixels[in_b[of_b]], np.eye(4)))
+            pairs.append(PointPairs(b - gap, b, pixels[in_a[a]], pixels[in_b[of_b]], np.eye(4)))
     return pairs
 
 
@@ -81,7 +86,7 @@ class Floor(NamedTuple):
     """What the sonar sees, whatever the odometry says."""
 
     tracks: Tracks
-    pairs: list[Sighting]
+    pairs: list[PointPairs]
 
 
 @pytest.fixture(scope="module")
@@ -96,12 +101,12 @@ def with_odometry(sequence: Sequence, change: Callable[[FloatArray], FloatArray]
     return replace(sequence, odometry=replace(sequence.odometry, world_from_vehicle=poses))
 
 
-def check(sequence: Sequence, floor: Floor) -> Start:
-    start = start_from_odometry(sequence, Config())
+def check(sequence: Sequence, floor: Floor) -> InitialPoses:
+    start = initialise_from_odometry(sequence, Config())
     assert start is not None
-    start = check_start(start, sequence, floor.pairs, Config(), np.random.default_rng(0))
-    if start.doubted.any():
-        start = mend_start(start, sequence, floor.tracks, np.random.default_rng(0))
+    start = verify_odometry(start, sequence, floor.pairs, Config(), np.random.default_rng(0))
+    if start.unreliable.any():
+        start = replace_unreliable_steps(start, sequence, floor.tracks, np.random.default_rng(0))
     for values in (start.world_from_vehicle, start.sensors.steps, start.sensors.step_sigma, start.sensors.z_roll_pitch):
         assert np.isfinite(values).all()
     assert start.world_from_vehicle.shape == (COUNT, 4, 4) and (start.sensors.step_sigma > 0).all()
@@ -129,7 +134,7 @@ LEFT_HANDED = np.diag([1.0, -1.0, 1.0, 1.0])
 def test_right_odometry_is_believed(floor: Floor, seed: int) -> None:
     sequence = make_sequence(seed)
     start = check(sequence, floor)
-    assert start.sensors.warnings == () and not start.doubted.any()
+    assert start.sensors.warnings == () and not start.unreliable.any()
     assert sequence.odometry is not None
     np.testing.assert_allclose(start.world_from_vehicle, sequence.odometry.world_from_vehicle, atol=1e-12)
     np.testing.assert_array_equal(start.sensors.step_sigma, np.tile([0.005, 0.02], (COUNT - 1, 1)))
@@ -174,7 +179,7 @@ def test_mirrored_height_is_found_by_navigation_and_settled_by_the_images(floor:
     assert "depth" in sentence and "one is mirrored" in sentence
     change, truth = (np.diff(poses[::8, 2, 3]) for poses in (start.world_from_vehicle, make_path()))
     held = np.isfinite(start.sensors.z_roll_pitch_sigma[:, 0]).all()
-    assert held and (start.doubted.all() or np.corrcoef(change, truth)[0, 1] > 0.9)
+    assert held and (start.unreliable.all() or np.corrcoef(change, truth)[0, 1] > 0.9)
 
 
 @pytest.mark.parametrize("column", ["z_m", "roll_rad"])
@@ -195,7 +200,9 @@ def test_odometry_that_starts_elsewhere_is_moved_to_navigation(floor: Floor) -> 
     start = check(with_odometry(sequence, lambda poses: other @ poses), floor)
     (sentence,) = start.sensors.warnings
     assert "starts in another frame" in sentence and "of depth" in sentence
-    np.testing.assert_allclose(tilt_of(start.world_from_vehicle[:5]), tilt_of(make_path()[:5]), atol=0.06)
+    np.testing.assert_allclose(
+        depth_roll_pitch(start.world_from_vehicle[:5]), depth_roll_pitch(make_path()[:5]), atol=0.06
+    )
 
 
 @pytest.mark.parametrize("shift", [-6, 5])
@@ -206,32 +213,35 @@ def test_a_wrong_clock_is_told(floor: Floor, shift: int) -> None:
     start = check(replace(sequence, odometry=late), floor)
     sentence = " ".join(start.sensors.warnings)
     assert "stamps seem wrong" in sentence or "contradicts the images" in sentence
-    assert start.doubted.all()
+    assert start.unreliable.all()
 
 
 def test_shift_is_found_to_the_frame() -> None:
     path = make_path()
-    levels = Levels(tilt_of(path), np.tile([0.01, 0.003, 0.003], (COUNT, 1)))
-    assert find_shift(path, levels, NOISE) is None
+    levels = DepthAttitude(depth_roll_pitch(path), np.tile([0.01, 0.003, 0.003], (COUNT, 1)))
+    assert estimate_time_offset(path, levels, NOISE) is None
     late = np.concatenate([np.repeat(path[:1], 5, axis=0), path[:-5]])
-    found = find_shift(late, levels, NOISE)
+    found = estimate_time_offset(late, levels, NOISE)
     assert found is not None and abs(found - 5) <= 1
 
 
 def test_few_frames_or_readings_say_nothing() -> None:
     for count in (1, 2, 5):
         path = make_path()[:count]
-        for levels in (Levels(np.zeros((0, 3)), np.zeros((0, 3))), Levels(np.zeros((count, 3)), np.ones((count, 3)))):
-            assert not compare_levels(path, levels, NOISE).contradicts.any()
-            assert find_shift(path, levels, NOISE) is None
-            assert np.isfinite(place_at_levels(path, levels, NOISE, np.ones(3, dtype=bool))[0]).all()
-    assert agree_on_sightings([], np.random.default_rng(0)) == []
+        for levels in (
+            DepthAttitude(np.zeros((0, 3)), np.zeros((0, 3))),
+            DepthAttitude(np.zeros((count, 3)), np.ones((count, 3))),
+        ):
+            assert not compare_odometry_attitude(path, levels, NOISE).contradicts.any()
+            assert estimate_time_offset(path, levels, NOISE) is None
+            assert np.isfinite(align_initial_attitude(path, levels, NOISE, np.ones(3, dtype=bool))[0]).all()
+    assert planar_inliers([], np.random.default_rng(0)) == []
     nothing = Navigation(np.zeros(1), np.zeros(1), np.zeros(1), np.zeros(1))
     sequence = replace(make_sequence(), navigation=nothing)
-    start = start_from_odometry(sequence, Config())
+    start = initialise_from_odometry(sequence, Config())
     assert start is not None
-    checked = check_start(start, sequence, [], Config(), np.random.default_rng(0))
-    assert not checked.doubted.any()
+    checked = verify_odometry(start, sequence, [], Config(), np.random.default_rng(0))
+    assert not checked.unreliable.any()
 
 
 def make_keypoints(seed: int) -> Keypoints:
@@ -245,17 +255,17 @@ def make_keypoints(seed: int) -> Keypoints:
 @pytest.mark.parametrize("moving", [True, False])
 def test_repeated_frames_are_left_out_where_odometry_moves(moving: bool) -> None:
     keypoints = [make_keypoints(seed) for seed in (0, 1, 1, 1, 2, 3, 3, 4)]
-    assert np.flatnonzero(find_repeats(keypoints)).tolist() == [2, 3, 6]
+    assert np.flatnonzero(find_duplicate_frames(keypoints)).tolist() == [2, 3, 6]
     candidates = [Matches(a, a + 1, np.zeros((0, 2), np.int64), np.zeros(0)) for a in range(7)]
     poses = make_path()[:8] if moving else np.tile(np.eye(4), (8, 1, 1))
     sequence = replace(
         make_sequence(), timestamps_s=np.arange(8.0), odometry=Trajectory(np.arange(8.0), poses), navigation=None
     )
-    start = start_from_odometry(sequence, Config())
-    kept, sentences = drop_repeats(keypoints, candidates, start)
+    start = initialise_from_odometry(sequence, Config())
+    kept, sentences = drop_duplicate_frames(keypoints, candidates, start)
     if moving:
         assert [match.frame_a for match in kept] == [0, 4]
         assert "3 of 8 frames (2-3, 6) repeat" in sentences[0]
     else:
         assert kept == candidates and sentences == ()
-    assert drop_repeats(keypoints, candidates, None) == (candidates, ())
+    assert drop_duplicate_frames(keypoints, candidates, None) == (candidates, ())

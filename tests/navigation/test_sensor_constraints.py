@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from asfm.backend.initialisation.initial_poses import start_from_odometry, start_from_tracks
+from asfm.backend.initialisation.initial_poses import initialise_from_odometry, initialise_from_tracks
 from asfm.config import BackendConfig, Config
 from asfm.geometry.poses import invert, make_pose, transform
 from asfm.geometry.sonar import SonarModel
@@ -73,12 +73,12 @@ def test_what_is_absent_or_unwanted_is_not_used(absent: str) -> None:
         config = BackendConfig(use_odometry=False, use_navigation=False)
     assert odometry_at_frames(sequence, config) is None
     assert navigation_at_frames(sequence, config).shape == (0, 3)
-    assert start_from_odometry(sequence, Config(backend=config)) is None
+    assert initialise_from_odometry(sequence, Config(backend=config)) is None
 
 
 def test_steps_chain_back_to_the_poses() -> None:
     sequence = _sequence()
-    start = start_from_odometry(sequence, Config())
+    start = initialise_from_odometry(sequence, Config())
     assert start is not None
     chained = [start.sensors.first_pose]
     for step in start.sensors.steps:
@@ -125,7 +125,7 @@ def test_start_from_tracks_follows_a_planar_path_and_expects_steps_of_its_size()
     turn = Rotation.from_rotvec(np.outer(0.03 * np.arange(5), [0.0, 0.0, 1.0]))
     truth = make_pose(np.outer(np.arange(5), [0.2, 0.0, 0.0]), turn)
     sequence = replace(_sequence(), odometry=None, navigation=None)
-    start = start_from_tracks(sequence, _planar_tracks(truth), Config(), np.random.default_rng(0))
+    start = initialise_from_tracks(sequence, _planar_tracks(truth), Config(), np.random.default_rng(0))
     np.testing.assert_allclose(start.world_from_vehicle, truth, atol=1e-6)
     np.testing.assert_allclose(start.sensors.steps, np.tile(np.eye(4), (4, 1, 1)), atol=1e-12)
     factor = Config().backend.motion_prior_factor
@@ -137,7 +137,7 @@ def test_start_from_tracks_follows_a_planar_path_and_expects_steps_of_its_size()
 def test_start_from_no_tracks_is_finite_and_stays() -> None:
     for frame_count in (1, 3):
         sequence = replace(_sequence(frame_count), odometry=None)
-        start = start_from_tracks(sequence, NOTHING, Config(), np.random.default_rng(0))
+        start = initialise_from_tracks(sequence, NOTHING, Config(), np.random.default_rng(0))
         level = level_pose(navigation_at_frames(sequence, BackendConfig())[0])
         np.testing.assert_allclose(start.world_from_vehicle, np.repeat(level[None], frame_count, axis=0), atol=1e-12)
         assert np.all(start.sensors.step_sigma > 0) and start.sensors.step_sigma.shape == (frame_count - 1, 2)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from asfm.backend.estimation.landmarks import describe_landmarks
 from asfm.backend.estimation.solution import solve_tracks
 from asfm.backend.graph.marginal_covariance import measure_uncertainty
-from asfm.backend.initialisation.initial_poses import start_from_odometry
+from asfm.backend.initialisation.initial_poses import initialise_from_odometry
 from asfm.config import Config
 from asfm.evaluation.pose_error_table import evaluate_sequence
 from asfm.simulation.track_simulation import make_floor
@@ -41,7 +41,7 @@ def measure_batch(
 ) -> Batch:
     """Solve the tracks of a long sequence in as many rounds as a run does, and describe the landmarks."""
     floor, config = make_floor(frames, observations, views, "transect", 5.0, navigation=True), Config()
-    start = start_from_odometry(floor.sequence, config)
+    start = initialise_from_odometry(floor.sequence, config)
     assert start is not None
     poses, rounds_s = start.world_from_vehicle, []
     for _ in range(config.backend.rounds):

@@ -17,7 +17,7 @@ from asfm.backend.graph.factors import (
     step_factor,
 )
 from asfm.backend.graph.problem import FIRST_POINT, FIRST_POSE, BundleProblem
-from asfm.backend.initialisation.initial_poses import Start, start_from_odometry
+from asfm.backend.initialisation.initial_poses import InitialPoses, initialise_from_odometry
 from asfm.config import Config
 from asfm.simulation.track_simulation import Floor, make_floor
 from asfm.types import FloatArray
@@ -37,7 +37,7 @@ Factor = Callable[[int, int, float, float], Any]
 def compare_factors(frames: int = SMALL_FRAMES, points: int = SMALL_POINTS) -> Iterator[Number]:
     """Solve the same graph from the same start by native factors and by factors in Python."""
     floor = make_floor(frames, points, (max(frames // 2, 3), frames), "sway", 2.0, navigation=False)
-    start = start_from_odometry(floor.sequence, Config())
+    start = initialise_from_odometry(floor.sequence, Config())
     assert start is not None
     lever_arm = gtsam.Pose3(floor.sequence.vehicle_from_sonar)
     native: tuple[Factor, Factor] = (
@@ -57,7 +57,7 @@ def compare_factors(frames: int = SMALL_FRAMES, points: int = SMALL_POINTS) -> I
     yield Number("adjust_bundle as a whole, farthest pose from that optimum", _farthest(ours, expected), "m")
 
 
-def _time_graph(floor: Floor, start: Start, factors: tuple[Factor, Factor]) -> tuple[float, FloatArray]:
+def _time_graph(floor: Floor, start: InitialPoses, factors: tuple[Factor, Factor]) -> tuple[float, FloatArray]:
     """Optimise by Levenberg-Marquardt: seconds without building the graph, and (N, 4, 4) poses."""
     tracks, sensors = floor.tracks, start.sensors
     assert tracks.sigma is not None
@@ -83,7 +83,7 @@ def _time_graph(floor: Floor, start: Start, factors: tuple[Factor, Factor]) -> t
     return wall_s, np.stack([values.atPose3(FIRST_POSE + index).matrix() for index in range(len(floor.sequence))])
 
 
-def _time_adjustment(floor: Floor, start: Start) -> tuple[float, FloatArray]:
+def _time_adjustment(floor: Floor, start: InitialPoses) -> tuple[float, FloatArray]:
     """Let the back-end adjust the same, building of its graph included: seconds, and (N, 4, 4) poses."""
     assert floor.tracks.sigma is not None
     problem = BundleProblem(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asfm.backend.initialisation.planar_odometry import chain_planar_motions, estimate_planar_motion
+from asfm.backend.initialisation.planar_odometry import estimate_planar_motion, planar_odometry
 from asfm.geometry.poses import invert, make_pose, transform
 from asfm.types import FloatArray, Tracks
 
@@ -63,7 +63,7 @@ def test_chain_follows_a_planar_path_with_a_lever_arm() -> None:
     seen = rng.uniform([2, -2], [7, 2], (40, 2))
     xy_m = transform(truth[0] @ lever_arm, np.column_stack([seen, np.zeros(40)]))[:, :2]
     tracks = _track_all(truth @ lever_arm, xy_m, np.ones((40, 10)))
-    poses, supported = chain_planar_motions(tracks, 10, truth[0], lever_arm, rng)
+    poses, supported = planar_odometry(tracks, 10, truth[0], lever_arm, rng)
     assert supported.all()
     np.testing.assert_allclose(poses, truth, atol=1e-6)
 
@@ -76,7 +76,7 @@ def test_chain_holds_the_pose_where_frames_share_nothing_and_goes_on() -> None:
     visible = np.zeros((40, 10))
     visible[:20, :5] = 1
     visible[20:, 7:] = 1
-    poses, supported = chain_planar_motions(_track_all(truth, xy_m, visible), 10, np.eye(4), np.eye(4), rng)
+    poses, supported = planar_odometry(_track_all(truth, xy_m, visible), 10, np.eye(4), np.eye(4), rng)
     np.testing.assert_allclose(poses[:5], truth[:5], atol=1e-6)
     np.testing.assert_allclose(poses[5:8], np.repeat(poses[4:5], 3, axis=0), atol=1e-12)
     assert supported.tolist() == [True] * 5 + [False] * 3 + [True] * 2
@@ -91,7 +91,7 @@ def test_chain_prefers_frames_that_were_not_held() -> None:
     visible[:15, [0, 1, 2, 4, 5]] = 1
     visible[15:, 3:] = 1
     tracks = _track_all(truth, rng.uniform([3, -2], [8, 2], (30, 2)), visible)
-    poses, supported = chain_planar_motions(tracks, 6, np.eye(4), np.eye(4), rng)
+    poses, supported = planar_odometry(tracks, 6, np.eye(4), np.eye(4), rng)
     assert supported.tolist() == [True, True, True, False, True, True]
     np.testing.assert_allclose(poses[[0, 1, 2, 4, 5]], truth[[0, 1, 2, 4, 5]], atol=1e-6)
 
@@ -102,7 +102,7 @@ def test_chain_bridges_one_empty_frame() -> None:
     visible = np.ones((20, 6))
     visible[:, 3] = 0
     tracks = _track_all(truth, rng.uniform([3, -2], [8, 2], (20, 2)), visible)
-    poses, supported = chain_planar_motions(tracks, 6, np.eye(4), np.eye(4), rng)
+    poses, supported = planar_odometry(tracks, 6, np.eye(4), np.eye(4), rng)
     assert supported.tolist() == [True, True, True, False, True, True]
     np.testing.assert_allclose(poses[[0, 1, 2, 4, 5]], truth[[0, 1, 2, 4, 5]], atol=1e-6)
 
@@ -111,7 +111,7 @@ def test_chain_bridges_one_empty_frame() -> None:
 def test_chain_without_tracks_stays_where_it_starts(frame_count: int) -> None:
     first = _planar(1.0, 2.0, 0.5)
     nothing = Tracks(np.zeros(0, int), np.zeros(0, int), np.zeros(0), np.zeros(0))
-    poses, supported = chain_planar_motions(nothing, frame_count, first, np.eye(4), np.random.default_rng(0))
+    poses, supported = planar_odometry(nothing, frame_count, first, np.eye(4), np.random.default_rng(0))
     np.testing.assert_allclose(poses, np.repeat(first[None], frame_count, axis=0), atol=1e-12)
     assert supported.tolist() == [True] + [False] * (frame_count - 1)
 

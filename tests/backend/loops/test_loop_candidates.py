@@ -185,7 +185,7 @@ TURN = 14
 def test_no_pair_reaches_across_a_step_that_nothing_knows(
     measured: bool, loose: dict[int, float], crosses: bool
 ) -> None:
-    """Odometry knows every step unless it is doubted, and tracks every one but the turn."""
+    """Odometry knows every step unless it is unreliable, and tracks every one but the turn."""
     trip = make_round_trip(1)
     search = search_loops(_know_otherwise(trip.solution, measured, loose), trip.sequence, LoopsConfig(), WINDOW)
     assert any(a <= TURN < b for a, b in search.pairs) == crosses

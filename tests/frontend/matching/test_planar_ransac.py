@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from asfm.frontend.matching.planar_ransac import find_planar_outliers, pick_surest_pairs
-from asfm.geometry.planar_motion import agree_on_planar_motion
+from asfm.geometry.planar_motion import estimate_planar_motion_msac
 from asfm.geometry.poses import make_pose
 from asfm.types import FloatArray
 
@@ -54,5 +54,5 @@ def test_too_few_are_not_judged(count: int) -> None:
 
 def test_points_on_one_spot_give_no_nan() -> None:
     xy = np.ones((6, 2))
-    motion, agrees = agree_on_planar_motion(xy, xy, np.full(6, 0.1), pick_surest_pairs(np.zeros(6)))
+    motion, agrees = estimate_planar_motion_msac(xy, xy, np.full(6, 0.1), pick_surest_pairs(np.zeros(6)))
     assert np.isfinite(motion).all() and agrees.all()
