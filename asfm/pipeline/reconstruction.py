@@ -242,7 +242,9 @@ def conclude(
 ) -> Reconstruction:
     """Describe the landmarks and say what the poses rest on."""
     with clock.stage("landmarks") as report:
-        uncertainty = measure_uncertainty(solution.bundle, solution.relief, min(SPAN, len(sequence) - 1))
+        uncertainty = measure_uncertainty(
+            solution.bundle, solution.elevation_information_ratio, min(SPAN, len(sequence) - 1)
+        )
         mirror = find_mirror(solution, config.backend.scene)
         stated = admit_mirror(uncertainty, solution, mirror)
         landmarks = describe_landmarks(solution, stated.point_m2, sequence, config)

@@ -12,7 +12,7 @@ import gtsam
 import numpy as np
 
 from asfm.backend.estimation.solution import Solution
-from asfm.backend.graph.aperture_bounds import add_beam_knowledge, see_elevations
+from asfm.backend.graph.aperture_bounds import add_aperture_priors, observed_elevations
 from asfm.backend.graph.bundle_adjustment import Bundle, make_values
 from asfm.backend.graph.marginal_covariance import Uncertainty
 from asfm.config import Scene
@@ -173,7 +173,9 @@ def _rises_with_range(solution: Solution) -> float:
     tracks, used = solution.tracks, solution.observed
     if not used.any():
         return 0.0
-    elevation_rad = see_elevations(solution.problem, solution.bundle.world_from_vehicle, solution.bundle.xyz_m)[used]
+    elevation_rad = observed_elevations(solution.problem, solution.bundle.world_from_vehicle, solution.bundle.xyz_m)[
+        used
+    ]
     range_m = tracks.range_m[used]
     return float(np.mean((range_m - range_m.mean()) * elevation_rad))
 
@@ -182,7 +184,7 @@ def _take(solution: Solution, mirror: Mirror) -> Bundle:
     """Make a bundle of the other image: its measurements are the same, and its points lie in the beam as well."""
     bundle = solution.bundle
     graph = bundle.measured.clone()
-    add_beam_knowledge(graph, solution.problem, mirror.world_from_vehicle, mirror.xyz_m)
+    add_aperture_priors(graph, solution.problem, mirror.world_from_vehicle, mirror.xyz_m)
     return replace(
         bundle,
         world_from_vehicle=mirror.world_from_vehicle,

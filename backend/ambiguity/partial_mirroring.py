@@ -11,7 +11,7 @@ import numpy as np
 from asfm.backend.ambiguity.mirror_ambiguity import reflect_after
 from asfm.backend.estimation.residual_gate import GUESSED_SLACK, Yardstick, make_yardstick
 from asfm.backend.estimation.solution import Solution, correlated_variance, solve_tracks
-from asfm.backend.estimation.triangulation import square_misfits, triangulate_tracks
+from asfm.backend.estimation.triangulation import squared_residuals, triangulate_tracks
 from asfm.config import Config
 from asfm.geometry.poses import invert
 from asfm.sequence import Sequence
@@ -112,7 +112,7 @@ def _square_residuals(solution: Solution, sequence: Sequence, yardstick: Yardsti
     """Squared residual of every observation, how far it lies outside the beam included, truncated: (O,)."""
     tracks, bundle, gate = solution.tracks, solution.bundle, yardstick.gate
     sonar_from_world = invert(bundle.world_from_vehicle @ sequence.vehicle_from_sonar)[tracks.frame]
-    square, _ = square_misfits(bundle.xyz_m, tracks, sonar_from_world, yardstick.sigma, gate)
+    square, _ = squared_residuals(bundle.xyz_m, tracks, sonar_from_world, yardstick.sigma, gate)
     return np.minimum(square, gate.truncation**2)
 
 

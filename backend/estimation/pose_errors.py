@@ -7,7 +7,7 @@ from asfm.geometry.sonar import project_jacobian
 from asfm.types import BoolArray, FloatArray, Tracks
 
 LEAST_SHARE = 1e-9
-"""Information that every direction of a pose is said to hold at least, over the sum of all."""
+"""PoseInformation that every direction of a pose is said to hold at least, over the sum of all."""
 
 
 def remove_pose_errors(

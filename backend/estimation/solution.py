@@ -28,7 +28,7 @@ class Solution:
     bundle: Bundle
     problem: BundleProblem
     """What the bundle was the answer to."""
-    relief: FloatArray
+    elevation_information_ratio: FloatArray
     """(T,) by how much more each track's observations tell of its elevation than the graph states."""
 
 
@@ -74,7 +74,7 @@ def solve_tracks(
         half_aperture_rad=yardstick.gate.half_aperture_rad,
     )
     bundle = adjust_bundle(problem, world_from_vehicle, found.xyz_m)
-    return Solution(tracks, observed, bundle, problem, _relieve(views, config))
+    return Solution(tracks, observed, bundle, problem, _elevation_information_ratio(views, config))
 
 
 def _estimate_noise(track: IntArray, observed: BoolArray, residual: FloatArray, lasting: bool) -> FloatArray:
@@ -87,7 +87,7 @@ def _estimate_noise(track: IntArray, observed: BoolArray, residual: FloatArray, 
     return noise[track][:, None] * (measure_persistence(track, observed, residual) if lasting else np.ones(2))
 
 
-def _relieve(views: IntArray, config: Config) -> FloatArray:
+def _elevation_information_ratio(views: IntArray, config: Config) -> FloatArray:
     """Compare (T,) variances: those of the graph with those that count for the elevation."""
     stated, elevation = config.backend.track_correlation, config.backend.elevation_correlation
     return correlated_variance(views, stated) / correlated_variance(views, min(elevation, stated))

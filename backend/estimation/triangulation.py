@@ -94,7 +94,7 @@ def whitened_residuals(
     return residual, elevation_rad
 
 
-def square_misfits(
+def squared_residuals(
     xyz_m: FloatArray, tracks: Tracks, sonar_from_world: FloatArray, sigma: FloatArray, gate: Gate
 ) -> tuple[FloatArray, FloatArray]:
     """Square the (O,) misfit of each observation, how far its point lies outside the beam included.
@@ -153,7 +153,7 @@ def _judge(
     xyz_m: FloatArray, tracks: Tracks, sonar_from_world: FloatArray, sigma: FloatArray, gate: Gate
 ) -> tuple[BoolArray, FloatArray]:
     """Tell which observations agree with their track's point: (O,), and give their (O, 2) whitened residuals."""
-    square, residual = square_misfits(xyz_m, tracks, sonar_from_world, sigma, gate)
+    square, residual = squared_residuals(xyz_m, tracks, sonar_from_world, sigma, gate)
     return square <= gate.truncation**2, residual
 
 

@@ -16,16 +16,16 @@ LOST_RAD = 0.2
 SMALLEST_RANGE_M = 1e-3
 
 
-def find_outside(
+def aperture_violations(
     problem: BundleProblem, world_from_vehicle: FloatArray, xyz_m: FloatArray
 ) -> tuple[BoolArray, FloatArray]:
     """Tell which observations see their point outside the aperture: (O,), and (O,) elevation_rad of the edge there."""
-    elevation_rad = see_elevations(problem, world_from_vehicle, xyz_m)
+    elevation_rad = observed_elevations(problem, world_from_vehicle, xyz_m)
     outside = problem.observed & (np.abs(elevation_rad) > problem.half_aperture_rad)
     return outside, np.copysign(problem.half_aperture_rad, elevation_rad)
 
 
-def bring_inside(problem: BundleProblem, world_from_vehicle: FloatArray, xyz_m: FloatArray) -> FloatArray:
+def clamp_to_aperture(problem: BundleProblem, world_from_vehicle: FloatArray, xyz_m: FloatArray) -> FloatArray:
     """Move points that have left the beam to its edge, as the frame sees them that they have left farthest: (T, 3)."""
     world_from_sonar = (world_from_vehicle @ problem.vehicle_from_sonar)[problem.tracks.frame]
     range_m, bearing_rad, elevation_rad = project(transform(invert(world_from_sonar), xyz_m[problem.tracks.track]))
@@ -40,7 +40,7 @@ def bring_inside(problem: BundleProblem, world_from_vehicle: FloatArray, xyz_m: 
     return inside
 
 
-def choose_middle(problem: BundleProblem) -> BoolArray:
+def middle_observations(problem: BundleProblem) -> BoolArray:
     """Mark the middle one of each track's used observations: (O,)."""
     used = np.flatnonzero(problem.observed)
     first = np.flatnonzero(np.diff(problem.tracks.track[used], prepend=-1))
@@ -66,7 +66,7 @@ def add_elevation_factors(
         graph.add(elevation_factor(pose, point, beam, target, sigma_rad, lever_arm))
 
 
-def add_beam_knowledge(
+def add_aperture_priors(
     graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, world_from_vehicle: FloatArray, xyz_m: FloatArray
 ) -> None:
     """State once a point that it lies in the beam: a uniform elevation has the sigma half aperture / sqrt(3).
@@ -78,7 +78,7 @@ def add_beam_knowledge(
     last = used[np.flatnonzero(np.diff(problem.tracks.track[used], append=-1))]
     chosen = np.zeros(len(problem.tracks), dtype=bool)
     chosen[last] = True
-    elevation_rad = see_elevations(problem, world_from_vehicle, xyz_m)
+    elevation_rad = observed_elevations(problem, world_from_vehicle, xyz_m)
     inside = np.abs(elevation_rad) <= problem.half_aperture_rad + LOST_RAD
     add_elevation_factors(graph, problem, chosen & inside, elevation_rad, problem.half_aperture_rad / np.sqrt(3))
     for index in np.flatnonzero(chosen & ~inside).tolist():
@@ -87,7 +87,7 @@ def add_beam_knowledge(
         graph.add(gtsam.PriorFactorPoint3(FIRST_POINT + track, xyz_m[track], noise))
 
 
-def see_elevations(problem: BundleProblem, world_from_vehicle: FloatArray, xyz_m: FloatArray) -> FloatArray:
+def observed_elevations(problem: BundleProblem, world_from_vehicle: FloatArray, xyz_m: FloatArray) -> FloatArray:
     """Elevation_rad at which each observation's frame sees its point: (O,)."""
     sonar_from_world = invert(world_from_vehicle @ problem.vehicle_from_sonar)[problem.tracks.frame]
     return project(transform(sonar_from_world, xyz_m[problem.tracks.track]))[2]

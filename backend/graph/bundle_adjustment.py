@@ -7,12 +7,12 @@ import numpy as np
 
 from asfm.backend.graph.aperture_bounds import (
     EDGE_RAD,
-    add_beam_knowledge,
+    add_aperture_priors,
     add_elevation_factors,
-    bring_inside,
-    choose_middle,
-    find_outside,
-    see_elevations,
+    aperture_violations,
+    clamp_to_aperture,
+    middle_observations,
+    observed_elevations,
 )
 from asfm.backend.graph.factors import (
     attitude_factor,
@@ -75,15 +75,15 @@ def adjust_bundle(
     in_graph[problem.tracks.track[problem.observed]] = True
     poses, points = world_from_vehicle, xyz_m
     cost = np.inf
-    middle = choose_middle(problem)
+    middle = middle_observations(problem)
     for check in range(MAX_CHECKS):
         cost_before = cost
-        outside, edge_rad = find_outside(problem, poses, points)
-        points = bring_inside(problem, poses, points)
+        outside, edge_rad = aperture_violations(problem, poses, points)
+        points = clamp_to_aperture(problem, poses, points)
         held = graph.clone()
         add_elevation_factors(held, problem, outside, edge_rad, EDGE_RAD)
         kept = held.clone()
-        elevation_rad = see_elevations(problem, poses, points)
+        elevation_rad = observed_elevations(problem, poses, points)
         add_elevation_factors(kept, problem, middle, elevation_rad, PROXIMITY * problem.half_aperture_rad)
         values = _optimise(kept, make_values(poses, points, in_graph))
         poses, points = _read_values(values, len(poses), points, in_graph)
@@ -91,7 +91,7 @@ def adjust_bundle(
         if check > 0 and abs(cost_before - cost) <= settled * cost:
             break
     measured = graph.clone()
-    add_beam_knowledge(graph, problem, poses, points)
+    add_aperture_priors(graph, problem, poses, points)
     return Bundle(poses, points, in_graph, graph, measured, values)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse.linalg import SuperLU, splu
 
 from asfm.backend.graph.bundle_adjustment import Bundle
-from asfm.backend.graph.schur_complement import Information, eliminate_points, inform_points
+from asfm.backend.graph.schur_complement import PoseInformation, marginalise_points, point_information
 from asfm.geometry.poses import invert
 from asfm.types import FloatArray, IntArray
 
@@ -25,19 +25,20 @@ class Uncertainty:
     """(T, 3, 3) in the world frame; infinite where the track has no factor."""
 
 
-def measure_uncertainty(bundle: Bundle, relief: FloatArray, span: int = 1) -> Uncertainty:
+def measure_uncertainty(bundle: Bundle, elevation_information_ratio: FloatArray, span: int = 1) -> Uncertainty:
     """Invert the information of a bundle, block by block of frames.
 
     What a point owes to the poses follows exactly from theirs. What it owes to its own observations is told apart
     because their sigmas are widened for errors that a track's observations have in common. Such errors hardly tilt the
-    elevation, which follows from how range and bearing change: the points' own information is larger by a relief.
+    elevation, which follows from how range and bearing change: the points' own information is larger than the graph
+    states, by a ratio.
 
     Args:
         bundle: an optimum.
-        relief: (T,) by how much each point's own information is larger than the graph states.
+        elevation_information_ratio: (T,) by how much each point's own information is larger than the graph states.
         span: S, how many frames apart the poses are whose relative motion is looked at.
     """
-    information = eliminate_points(bundle)
+    information = marginalise_points(bundle)
     columns = information.first_column[:, None] + np.arange(6)
     factor, count = splu(information.poses), len(columns)
     pose, beside = np.empty((count, 6, 6)), np.empty((max(count - span, 0), 6, 6))
@@ -54,8 +55,8 @@ def measure_uncertainty(bundle: Bundle, relief: FloatArray, span: int = 1) -> Un
     if len(others):
         carried += _carry(information, _solve_columns(factor, others, information), others)
     point = np.full((len(bundle.xyz_m), 3, 3), np.inf)
-    measured = inform_points(bundle.measured, bundle.values, information.track)
-    own = information.points + (relief[information.track, None, None] - 1) * measured
+    measured = point_information(bundle.measured, bundle.values, information.track)
+    own = information.points + (elevation_information_ratio[information.track, None, None] - 1) * measured
     point[information.track] = np.linalg.inv(own) + (carried + np.swapaxes(carried, 1, 2)) / 2
     return Uncertainty(pose, _relate(pose, beside, bundle.world_from_vehicle, span), point)
 
@@ -65,20 +66,20 @@ def _chunks(count: int) -> list[IntArray]:
     return [np.arange(first, min(first + FRAMES_AT_ONCE, count)) for first in range(0, count, FRAMES_AT_ONCE)]
 
 
-def _solve_columns(factor: SuperLU, columns: IntArray, information: Information) -> FloatArray:
+def _solve_columns(factor: SuperLU, columns: IntArray, information: PoseInformation) -> FloatArray:
     """Give some columns of the covariance of the poses: (C, K)."""
     unit = np.zeros((information.poses.shape[0], len(columns)))
     unit[columns, np.arange(len(columns))] = 1.0
     return np.asarray(factor.solve(unit))
 
 
-def _carry(information: Information, solved: FloatArray, columns: IntArray) -> FloatArray:
+def _carry(information: PoseInformation, solved: FloatArray, columns: IntArray) -> FloatArray:
     """Give the share of some columns of the poses' covariance in what the points owe to the poses: (P, 3, 3)."""
-    moved = (information.follow @ solved).reshape(-1, 3, len(columns))
-    follow = information.follow[:, columns].tocsr()
+    moved = (information.point_pose_gain @ solved).reshape(-1, 3, len(columns))
+    point_pose_gain = information.point_pose_gain[:, columns].tocsr()
     share = np.empty_like(information.points)
     for axis in range(3):
-        of_axis = follow[axis::3]
+        of_axis = point_pose_gain[axis::3]
         for other in range(3):
             share[:, other, axis] = np.asarray(of_axis.multiply(moved[:, other]).sum(axis=1)).ravel()
     return share

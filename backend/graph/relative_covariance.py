@@ -11,7 +11,7 @@ import numpy as np
 from scipy.sparse.linalg import splu
 
 from asfm.backend.graph.bundle_adjustment import Bundle
-from asfm.backend.graph.schur_complement import eliminate_points
+from asfm.backend.graph.schur_complement import marginalise_points
 from asfm.geometry.poses import invert, transform
 from asfm.geometry.sonar import project
 from asfm.types import FloatArray, IntArray
@@ -33,7 +33,7 @@ def joint_covariance(bundle: Bundle, frames: IntArray) -> FloatArray:
         bundle: an optimum; what its graph holds of other things than poses and points is eliminated as well.
         frames: (F,) indices.
     """
-    information = eliminate_points(bundle)
+    information = marginalise_points(bundle)
     columns = (information.first_column[frames][:, None] + np.arange(6)).ravel()
     unit = np.zeros((information.poses.shape[0], len(columns)))
     unit[columns, np.arange(len(columns))] = 1.0

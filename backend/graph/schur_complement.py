@@ -11,11 +11,11 @@ from asfm.backend.graph.problem import FIRST_POINT, FIRST_POSE
 from asfm.types import FloatArray, IntArray
 
 LEAST_SHARE = 1e-9
-"""Information that every direction is said to hold at least, over the typical one: still sonars leave some open."""
+"""PoseInformation that every direction is said to hold at least, over the typical one: still sonars leave some open."""
 
 
 @dataclass(frozen=True)
-class Information:
+class PoseInformation:
     """The information matrix of a graph at its optimum, points eliminated (Schur complement)."""
 
     poses: csc_matrix
@@ -26,11 +26,11 @@ class Information:
     """(P,) the tracks that have a point in the graph, in order."""
     points: FloatArray
     """(P, 3, 3) each point's own information when the poses are known."""
-    follow: csr_matrix
+    point_pose_gain: csr_matrix
     """(3 P, C) how the points move when the poses do: minus the points' information's inverse times the mixed one."""
 
 
-def eliminate_points(bundle: Bundle) -> Information:
+def marginalise_points(bundle: Bundle) -> PoseInformation:
     """Linearise the graph at its optimum and eliminate the points: no two of them share a factor."""
     jacobian, keys, start = _linearise(bundle.graph, bundle.values)
     is_point = (keys >= FIRST_POINT) & (keys < FIRST_POINT + len(bundle.xyz_m))
@@ -39,17 +39,19 @@ def eliminate_points(bundle: Bundle) -> Information:
     information = (others.T @ others).tocsc()
     own = _take_blocks((points.T @ points).tocsr())
     mixed = (points.T @ others).tocsr()
-    follow = -(_lay_blocks(np.asarray(np.linalg.inv(own), dtype=float)) @ mixed)
-    information = information + mixed.T @ follow
+    point_pose_gain = -(_lay_blocks(np.asarray(np.linalg.inv(own), dtype=float)) @ mixed)
+    information = information + mixed.T @ point_pose_gain
     floor = np.full(information.shape[0], LEAST_SHARE * np.median(information.diagonal()))
     information = (information + coo_matrix((floor, (np.arange(len(floor)),) * 2), shape=information.shape)).tocsc()
     first = start[np.searchsorted(keys, FIRST_POSE + np.arange(len(bundle.world_from_vehicle)))]
     before = np.concatenate([[0], np.cumsum(of_points)])
     track = np.asarray(keys[is_point] - FIRST_POINT, dtype=np.int64)
-    return Information(information, np.asarray(first - before[first], dtype=np.int64), track, own, follow.tocsr())
+    return PoseInformation(
+        information, np.asarray(first - before[first], dtype=np.int64), track, own, point_pose_gain.tocsr()
+    )
 
 
-def inform_points(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, track: IntArray) -> FloatArray:
+def point_information(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, track: IntArray) -> FloatArray:
     """Give what a graph alone knows of the points of some tracks when the poses are known: (P, 3, 3)."""
     jacobian, keys, start = _linearise(graph, values)
     column = start[np.searchsorted(keys, FIRST_POINT + track)]

@@ -22,7 +22,7 @@ from asfm.types import FloatArray, ImageArray, Keypoints, Matches
 LEAST_CONTRAST = 1e-6
 """Standard deviation below which a square counts as flat."""
 LEAST_INFORMATION = 1e-4
-"""Information that even a flat patch is said to hold about a shift in pixels: its sigma is 100 at most."""
+"""PoseInformation that even a flat patch is said to hold about a shift in pixels: its sigma is 100 at most."""
 FAR_PX = 3.0
 """A longer step than this leaves the range in which one step is right: the patch then tells nothing."""
 

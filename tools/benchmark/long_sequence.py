@@ -50,7 +50,7 @@ def measure_batch(
         poses = solution.bundle.world_from_vehicle
         rounds_s.append(time.perf_counter() - begin_s)
     begin_s = time.perf_counter()
-    uncertainty = measure_uncertainty(solution.bundle, solution.relief)
+    uncertainty = measure_uncertainty(solution.bundle, solution.elevation_information_ratio)
     describe_landmarks(solution, uncertainty.point_m2, floor.sequence, config)
     landmarks_s = time.perf_counter() - begin_s
     ratio = evaluate_sequence(floor.sequence, Trajectory(floor.sequence.timestamps_s, poses)).row(ATE).ratio

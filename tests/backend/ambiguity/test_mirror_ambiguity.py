@@ -95,7 +95,9 @@ def adjust(solution: Solution) -> Solution:
 
 
 def state(solution: Solution) -> Uncertainty:
-    return admit_mirror(measure_uncertainty(solution.bundle, solution.relief), solution, find_mirror(solution))
+    return admit_mirror(
+        measure_uncertainty(solution.bundle, solution.elevation_information_ratio), solution, find_mirror(solution)
+    )
 
 
 def square_errors(bundle: Bundle, covariance: FloatArray, truth: FloatArray) -> float:
@@ -131,7 +133,7 @@ def test_only_other_sensors_tell_the_images_apart(kind: str, expected: float) ->
     solution, _, _ = make_solution(kind)
     mirror = find_mirror(solution)
     assert mirror.probability == pytest.approx(expected, abs=0.05)
-    uncertainty = measure_uncertainty(solution.bundle, solution.relief)
+    uncertainty = measure_uncertainty(solution.bundle, solution.elevation_information_ratio)
     sentences = describe_mirror(uncertainty, solution.bundle, mirror)
     if expected:
         (sentence,) = sentences
@@ -183,8 +185,8 @@ def test_what_is_stated_is_the_second_moment_over_both_images() -> None:
     """The image's own covariance, measured at its own optimum, drawn from and seen from the estimate."""
     solution, _, _ = make_solution()
     other = adjust(show_other(solution))
-    inside = measure_uncertainty(solution.bundle, solution.relief)
-    image = measure_uncertainty(other.bundle, other.relief)
+    inside = measure_uncertainty(solution.bundle, solution.elevation_information_ratio)
+    image = measure_uncertainty(other.bundle, other.elevation_information_ratio)
     probability = find_mirror(solution).probability
     stated = state(solution)
     rng = np.random.default_rng(2)
@@ -210,7 +212,7 @@ def test_errors_of_either_image_are_as_large_as_stated() -> None:
     for seed in range(4):
         found, truth, _ = make_solution(seed=seed)
         for solution in (found, adjust(show_other(found))):
-            covariance = measure_uncertainty(solution.bundle, solution.relief).pose
+            covariance = measure_uncertainty(solution.bundle, solution.elevation_information_ratio).pose
             inside.append(square_errors(solution.bundle, covariance, truth))
             stated.append(square_errors(solution.bundle, state(solution).pose, truth))
     assert 0.5 < np.mean(stated) < 1.5

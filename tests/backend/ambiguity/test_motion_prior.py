@@ -94,7 +94,7 @@ def roll_errors(solution: Solution, truth: FloatArray) -> float:
     """Root mean square of the rolls' errors over their stated sigmas, without the first frame."""
     motion = invert(solution.bundle.world_from_vehicle) @ truth
     roll_rad = Rotation.from_matrix(motion[:, :3, :3]).as_rotvec()[1:, 0]
-    variance = measure_uncertainty(solution.bundle, solution.relief).pose[1:, 0, 0]
+    variance = measure_uncertainty(solution.bundle, solution.elevation_information_ratio).pose[1:, 0, 0]
     return float(np.sqrt(np.mean(roll_rad**2 / variance)))
 
 
@@ -117,11 +117,13 @@ def test_a_prior_that_is_discounted_is_no_knowledge() -> None:
     tight, _, _ = make_case()
     stated = discount_prior(tight, 1.5)
     assert stated.bundle.values is tight.bundle.values
-    before, after = (measure_uncertainty(s.bundle, s.relief).pose for s in (tight, stated))
+    before, after = (measure_uncertainty(s.bundle, s.elevation_information_ratio).pose for s in (tight, stated))
     growth = np.linalg.eigvalsh(after - before)
     assert growth.min() > -1e-6 * growth.max() and after[-1, 0, 0] > 1.5 * before[-1, 0, 0]
     unchanged = discount_prior(tight, 1e-3)
-    np.testing.assert_allclose(measure_uncertainty(unchanged.bundle, unchanged.relief).pose, before, rtol=1e-9)
+    np.testing.assert_allclose(
+        measure_uncertainty(unchanged.bundle, unchanged.elevation_information_ratio).pose, before, rtol=1e-9
+    )
     wide = stated.problem.sensors.step_sigma
     np.testing.assert_allclose(
         2 * (stated.bundle.measured.error(stated.bundle.values) - tight.bundle.measured.error(tight.bundle.values)),

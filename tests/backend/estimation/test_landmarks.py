@@ -39,7 +39,7 @@ def _points(seed: int, count: int = 40) -> FloatArray:
 
 
 def _describe_landmarks(solution: Solution, sequence: Sequence, config: Config) -> Landmarks:
-    covariance_m2 = measure_uncertainty(solution.bundle, solution.relief).point_m2
+    covariance_m2 = measure_uncertainty(solution.bundle, solution.elevation_information_ratio).point_m2
     return describe_landmarks(solution, covariance_m2, sequence, config)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asfm.backend.graph.aperture_bounds import add_beam_knowledge
+from asfm.backend.graph.aperture_bounds import add_aperture_priors
 from asfm.backend.graph.bundle_adjustment import Bundle, adjust_bundle
 from asfm.backend.graph.marginal_covariance import measure_uncertainty
 from asfm.backend.graph.problem import FIRST_POINT, BundleProblem
@@ -228,7 +228,7 @@ def test_a_point_lost_above_the_sonar_leaves_the_covariances_finite() -> None:
     above_m = back_project(tracks.range_m[last], tracks.bearing_rad[last], np.pi / 2 - 1e-5)  # elevations are singular
     xyz_m[3] = transform(bundle.world_from_vehicle[tracks.frame[last]] @ LEVER_ARM, above_m)
     graph = gtsam.NonlinearFactorGraph()
-    add_beam_knowledge(graph, world.problem, bundle.world_from_vehicle, xyz_m)
+    add_aperture_priors(graph, world.problem, bundle.world_from_vehicle, xyz_m)
     values = gtsam.Values(bundle.values)
     values.update(FIRST_POINT + 3, xyz_m[3])
     information, _ = graph.linearize(values).hessian()

@@ -1,4 +1,4 @@
-"""Covariances by elimination against GTSAM's own marginals, and what relief of the points' sigmas changes."""
+"""Covariances by elimination against GTSAM's own marginals, and with more information on elevations."""
 
 import gtsam
 import numpy as np
@@ -88,7 +88,10 @@ def test_motions_over_a_span_are_as_sure_as_gtsam_says(bundle: Bundle, span: int
 
 def test_relief_makes_points_surer_and_leaves_poses_alone(bundle: Bundle) -> None:
     count = len(bundle.xyz_m)
-    plain, relieved = (measure_uncertainty(bundle, np.full(count, relief)) for relief in (1.0, 4.0))
+    plain, relieved = (
+        measure_uncertainty(bundle, np.full(count, elevation_information_ratio))
+        for elevation_information_ratio in (1.0, 4.0)
+    )
     np.testing.assert_array_equal(plain.pose, relieved.pose)
     gained = plain.point_m2[bundle.in_graph] - relieved.point_m2[bundle.in_graph]
     assert (np.linalg.eigvalsh(gained) > -1e-12).all() and (np.trace(gained, axis1=1, axis2=2) > 0).all()
