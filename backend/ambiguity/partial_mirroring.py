@@ -9,7 +9,7 @@ no small step leaves.
 import numpy as np
 
 from asfm.backend.ambiguity.mirror_ambiguity import reflect_after
-from asfm.backend.estimation.residual_gate import GUESSED_SLACK, Yardstick, make_yardstick
+from asfm.backend.estimation.residual_gate import GUESSED_SLACK, ResidualGate, make_residual_gate
 from asfm.backend.estimation.solution import Solution, correlated_variance, solve_tracks
 from asfm.backend.estimation.triangulation import squared_residuals, triangulate_tracks
 from asfm.config import Config
@@ -41,19 +41,19 @@ def untwist(solution: Solution, sequence: Sequence, config: Config) -> Solution:
     if sensors.measured or len(sensors.z_roll_pitch) or not solution.observed.any():
         return solution
     tracks, poses = solution.tracks, solution.bundle.world_from_vehicle
-    yardstick = make_yardstick(tracks, sequence, sensors, config)
-    frames, misfit = scan_twists(tracks, poses, sequence, yardstick)
+    residual_gate = make_residual_gate(tracks, sequence, sensors, config)
+    frames, misfit = scan_twists(tracks, poses, sequence, residual_gate)
     twist = choose_dip(frames, misfit)
     if twist is None:
         return solution
     turned = reflect_after(poses, twist, sequence.vehicle_from_sonar)
     other = solve_tracks(tracks, sequence, turned, sensors, config)
-    odds = compare_fits(solution, other, sequence, yardstick, config.backend.track_correlation)
+    odds = compare_fits(solution, other, sequence, residual_gate, config.backend.track_correlation)
     return other if odds > LEAST_ODDS else solution
 
 
 def scan_twists(
-    tracks: Tracks, world_from_vehicle: FloatArray, sequence: Sequence, yardstick: Yardstick
+    tracks: Tracks, world_from_vehicle: FloatArray, sequence: Sequence, residual_gate: ResidualGate
 ) -> tuple[IntArray, FloatArray]:
     """Measure by how much worse tracks fit when the poses after a frame are mirrored.
 
@@ -70,7 +70,7 @@ def scan_twists(
             continue
         turned = reflect_after(world_from_vehicle, frame, sequence.vehicle_from_sonar)
         before, after = (
-            _fit_points(tracks, chosen, poses, sequence, yardstick) for poses in (world_from_vehicle, turned)
+            _fit_points(tracks, chosen, poses, sequence, residual_gate) for poses in (world_from_vehicle, turned)
         )
         frames.append(frame)
         misfit.append((after - before) / max(before, 1e-9))
@@ -93,7 +93,7 @@ def choose_dip(frames: IntArray, misfit: FloatArray) -> int | None:
 
 
 def compare_fits(
-    first: Solution, second: Solution, sequence: Sequence, yardstick: Yardstick, correlation: float
+    first: Solution, second: Solution, sequence: Sequence, residual_gate: ResidualGate, correlation: float
 ) -> float:
     """Give the logarithm of the odds of a second solution to a first one.
 
@@ -104,20 +104,20 @@ def compare_fits(
     tracks = first.tracks
     both = (first.bundle.in_graph & second.bundle.in_graph)[tracks.track]
     weight = both / correlated_variance(np.bincount(tracks.track)[tracks.track], correlation)
-    before, after = (_square_residuals(solution, sequence, yardstick) @ weight for solution in (first, second))
+    before, after = (_square_residuals(solution, sequence, residual_gate) @ weight for solution in (first, second))
     return GUESSED_SLACK**2 * float(before - after) / 2
 
 
-def _square_residuals(solution: Solution, sequence: Sequence, yardstick: Yardstick) -> FloatArray:
+def _square_residuals(solution: Solution, sequence: Sequence, residual_gate: ResidualGate) -> FloatArray:
     """Squared residual of every observation, how far it lies outside the beam included, truncated: (O,)."""
-    tracks, bundle, gate = solution.tracks, solution.bundle, yardstick.gate
+    tracks, bundle, gate = solution.tracks, solution.bundle, residual_gate.gate
     sonar_from_world = invert(bundle.world_from_vehicle @ sequence.vehicle_from_sonar)[tracks.frame]
-    square, _ = squared_residuals(bundle.xyz_m, tracks, sonar_from_world, yardstick.sigma, gate)
+    square, _ = squared_residuals(bundle.xyz_m, tracks, sonar_from_world, residual_gate.sigma, gate)
     return np.minimum(square, gate.truncation**2)
 
 
 def _fit_points(
-    tracks: Tracks, chosen: IntArray, world_from_vehicle: FloatArray, sequence: Sequence, yardstick: Yardstick
+    tracks: Tracks, chosen: IntArray, world_from_vehicle: FloatArray, sequence: Sequence, residual_gate: ResidualGate
 ) -> float:
     """Triangulate some tracks and sum their truncated squared residuals."""
     used = np.isin(tracks.track, chosen)
@@ -125,11 +125,11 @@ def _fit_points(
         tracks.select(used),
         world_from_vehicle @ sequence.vehicle_from_sonar,
         sequence.sonar,
-        yardstick.sigma[used],
-        yardstick.gate,
+        residual_gate.sigma[used],
+        residual_gate.gate,
         ELEVATIONS,
     )
-    return float(np.minimum((found.residual**2).sum(axis=1), yardstick.gate.truncation**2).sum())
+    return float(np.minimum((found.residual**2).sum(axis=1), residual_gate.gate.truncation**2).sum())
 
 
 def _frame_span(tracks: Tracks) -> tuple[IntArray, IntArray]:

@@ -17,7 +17,7 @@ MEASURED_SLACK, GUESSED_SLACK = 1.2, 1.5
 
 
 @dataclass(frozen=True)
-class Yardstick:
+class ResidualGate:
     """The same for all solutions that are compared."""
 
     sigma: FloatArray
@@ -25,10 +25,10 @@ class Yardstick:
     gate: Gate
 
 
-def make_yardstick(tracks: Tracks, sequence: Sequence, sensors: SensorConstraints, config: Config) -> Yardstick:
+def make_residual_gate(tracks: Tracks, sequence: Sequence, sensors: SensorConstraints, config: Config) -> ResidualGate:
     """Take the observations' sigmas, at least the typical ones, and a gate around the beam's edge."""
     typical = np.tile(feature_sigma(sequence.sonar, config.noise), (len(tracks), 1))
     sigma = typical if tracks.sigma is None else np.maximum(tracks.sigma, typical)
     edge_rad = float(np.hypot(EDGE_RAD, sensors.typical_rotation_rad))
     slack = MEASURED_SLACK if sensors.measured else GUESSED_SLACK
-    return Yardstick(sigma * slack, Gate(sequence.sonar.elevation_aperture_rad / 2, edge_rad))
+    return ResidualGate(sigma * slack, Gate(sequence.sonar.elevation_aperture_rad / 2, edge_rad))

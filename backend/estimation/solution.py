@@ -6,8 +6,8 @@ import numpy as np
 
 from asfm.backend.estimation.observation_selection import cap_observations
 from asfm.backend.estimation.pose_errors import remove_pose_errors
-from asfm.backend.estimation.residual_gate import make_yardstick
-from asfm.backend.estimation.track_noise import LAGS, estimate_track_noise, measure_persistence
+from asfm.backend.estimation.residual_gate import make_residual_gate
+from asfm.backend.estimation.track_noise import LAGS, autocorrelation_inflation, estimate_track_noise
 from asfm.backend.estimation.triangulation import triangulate_tracks
 from asfm.backend.graph.bundle_adjustment import Bundle, adjust_bundle
 from asfm.backend.graph.problem import BundleProblem
@@ -53,16 +53,16 @@ def solve_tracks(
     sigma = tracks.sigma
     if sigma is None:
         sigma = np.tile(feature_sigma(sequence.sonar, config.noise), (len(tracks), 1))
-    yardstick = make_yardstick(tracks, sequence, sensors, config)
+    residual_gate = make_residual_gate(tracks, sequence, sensors, config)
     world_from_sonar = world_from_vehicle @ sequence.vehicle_from_sonar
-    found = triangulate_tracks(tracks, world_from_sonar, sequence.sonar, yardstick.sigma, yardstick.gate)
-    views = np.bincount(tracks.track, found.agrees, minlength=tracks.count)
-    observed = found.agrees & (views >= config.tracks.min_views)[tracks.track]
+    found = triangulate_tracks(tracks, world_from_sonar, sequence.sonar, residual_gate.sigma, residual_gate.gate)
+    views = np.bincount(tracks.track, found.inlier, minlength=tracks.count)
+    observed = found.inlier & (views >= config.tracks.min_views)[tracks.track]
     observed = cap_observations(tracks, observed, sigma, config.backend.max_views)
     views = np.bincount(tracks.track, observed, minlength=tracks.count)
     residual, told = found.residual, sensors.measured and adjusted
     if told:
-        residual = remove_pose_errors(tracks, observed, residual, yardstick.sigma, found.xyz_m, world_from_sonar)
+        residual = remove_pose_errors(tracks, observed, residual, residual_gate.sigma, found.xyz_m, world_from_sonar)
     noise = _estimate_noise(tracks.track, observed, residual, told)
     in_common = np.sqrt(correlated_variance(views, config.backend.track_correlation))
     problem = BundleProblem(
@@ -71,7 +71,7 @@ def solve_tracks(
         sigma=sigma * noise * in_common[tracks.track][:, None],
         sensors=sensors,
         vehicle_from_sonar=sequence.vehicle_from_sonar,
-        half_aperture_rad=yardstick.gate.half_aperture_rad,
+        half_aperture_rad=residual_gate.gate.half_aperture_rad,
     )
     bundle = adjust_bundle(problem, world_from_vehicle, found.xyz_m)
     return Solution(tracks, observed, bundle, problem, _elevation_information_ratio(views, config))
@@ -84,7 +84,7 @@ def _estimate_noise(track: IntArray, observed: BoolArray, residual: FloatArray, 
     motion is guessed, poses err by more than a linear fit takes out of the residuals, and what lasts is their error.
     """
     noise = estimate_track_noise(track, observed, residual, LAGS if lasting else 0)
-    return noise[track][:, None] * (measure_persistence(track, observed, residual) if lasting else np.ones(2))
+    return noise[track][:, None] * (autocorrelation_inflation(track, observed, residual) if lasting else np.ones(2))
 
 
 def _elevation_information_ratio(views: IntArray, config: Config) -> FloatArray:

@@ -14,7 +14,7 @@ LAGS = 3
 """Errors of features last about so many frames."""
 LONG = 8
 """Shorter tracks do not tell whether errors last."""
-LONGEST_MEMORY = 0.9
+MAX_AUTOCORRELATION = 0.9
 """Correlation of neighbouring errors that is not believed to be exceeded."""
 
 
@@ -48,7 +48,7 @@ def estimate_track_noise(track: IntArray, observed: BoolArray, residual: FloatAr
     return np.where(told, np.clip(np.sqrt(variance), NARROWEST, WIDEST), 1.0)
 
 
-def measure_persistence(track: IntArray, observed: BoolArray, residual: FloatArray) -> FloatArray:
+def autocorrelation_inflation(track: IntArray, observed: BoolArray, residual: FloatArray) -> FloatArray:
     """Measure by how much more the mean of many errors scatters than if each were new.
 
     With a correlation rho of neighbouring errors that fades geometrically, that is sqrt((1 + rho) / (1 - rho)). The
@@ -70,7 +70,7 @@ def measure_persistence(track: IntArray, observed: BoolArray, residual: FloatArr
         return np.ones(2)
     next_to = (track[1:] == track[:-1]) & long[1:]
     together = np.mean((residual[1:] * residual[:-1])[next_to], axis=0) / (power / np.count_nonzero(long))
-    memory = np.clip(together + 1 / np.mean(views[long]), 0, LONGEST_MEMORY)
+    memory = np.clip(together + 1 / np.mean(views[long]), 0, MAX_AUTOCORRELATION)
     return np.asarray(np.sqrt((1 + memory) / (1 - memory)))
 
 

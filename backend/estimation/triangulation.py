@@ -32,7 +32,7 @@ class Triangulation:
 
     xyz_m: FloatArray
     """(T, 3) in the world frame."""
-    agrees: BoolArray
+    inlier: BoolArray
     """(O,) the observation lies within the truncation of its track's point and the point inside the aperture."""
     residual: FloatArray
     """(O, 2) whitened residual in range and bearing."""
@@ -71,10 +71,10 @@ def triangulate_tracks(
             tracks, start, chunk, world_from_sonar, sonar_from_world, sonar, sigma, gate, elevation_count
         )
     for _ in range(4):
-        agrees, _ = _judge(xyz_m, tracks, sonar_from_world, sigma, gate)
-        xyz_m = _refine(xyz_m, tracks, agrees, sonar_from_world, sigma, gate.half_aperture_rad)
-    agrees, residual = _judge(xyz_m, tracks, sonar_from_world, sigma, gate)
-    return Triangulation(xyz_m, agrees, residual)
+        inlier, _ = _classify(xyz_m, tracks, sonar_from_world, sigma, gate)
+        xyz_m = _refine(xyz_m, tracks, inlier, sonar_from_world, sigma, gate.half_aperture_rad)
+    inlier, residual = _classify(xyz_m, tracks, sonar_from_world, sigma, gate)
+    return Triangulation(xyz_m, inlier, residual)
 
 
 def whitened_residuals(
@@ -149,7 +149,7 @@ def _search(
     return np.asarray(candidates[np.arange(len(first)), total.argmin(axis=1)])
 
 
-def _judge(
+def _classify(
     xyz_m: FloatArray, tracks: Tracks, sonar_from_world: FloatArray, sigma: FloatArray, gate: Gate
 ) -> tuple[BoolArray, FloatArray]:
     """Tell which observations agree with their track's point: (O,), and give their (O, 2) whitened residuals."""
@@ -160,7 +160,7 @@ def _judge(
 def _refine(
     xyz_m: FloatArray,
     tracks: Tracks,
-    agrees: BoolArray,
+    inlier: BoolArray,
     sonar_from_world: FloatArray,
     sigma: FloatArray,
     half: float,
@@ -173,9 +173,9 @@ def _refine(
     scale = np.stack([1 / sigma[:, 0], 1 / sigma[:, 1], np.full(len(tracks), MIDDLE_PULL / half)], axis=1)
     residual = np.stack([range_m - tracks.range_m, bearing_rad - tracks.bearing_rad, elevation_rad], axis=1)
     first = np.searchsorted(tracks.track, np.arange(len(xyz_m)))
-    views = np.add.reduceat(agrees.astype(float), first)
+    views = np.add.reduceat(inlier.astype(float), first)
     scale[:, 2] /= np.sqrt(np.maximum(views, 1.0))[tracks.track]
-    scale = scale * agrees[:, None]
+    scale = scale * inlier[:, None]
     jacobian = jacobian * scale[..., None]
     residual = residual * scale
     hessian = np.add.reduceat(np.einsum("oki,okj->oij", jacobian, jacobian), first, axis=0)

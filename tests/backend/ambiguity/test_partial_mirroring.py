@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from asfm.backend.ambiguity.mirror_ambiguity import reflect_after
 from asfm.backend.ambiguity.partial_mirroring import LEAST_ODDS, choose_dip, compare_fits, scan_twists, untwist
-from asfm.backend.estimation.residual_gate import make_yardstick
+from asfm.backend.estimation.residual_gate import make_residual_gate
 from asfm.backend.estimation.solution import solve_tracks
 from asfm.config import BackendConfig
 from asfm.config_file import load_config
@@ -85,16 +85,16 @@ def test_a_twist_is_found_and_set_right() -> None:
     config = load_config()
     twisted = solve_tracks(tracks, sequence, reflect_after(truth, TWIST, LEVER_ARM), sensors, config)
     frames, misfit = scan_twists(
-        tracks, twisted.bundle.world_from_vehicle, sequence, make_yardstick(tracks, sequence, sensors, config)
+        tracks, twisted.bundle.world_from_vehicle, sequence, make_residual_gate(tracks, sequence, sensors, config)
     )
     found = choose_dip(frames, misfit)
     assert found is not None and abs(found - TWIST) <= 6
     right = untwist(twisted, sequence, config)
     before, after = (roll_rad(solution.bundle.world_from_vehicle) - roll_rad(truth) for solution in (twisted, right))
     assert np.abs(before).max() > 0.3 > 0.1 > np.abs(after).max(), "the optimisation alone does not leave the twist"
-    yardstick = make_yardstick(tracks, sequence, sensors, config)
-    assert compare_fits(twisted, right, sequence, yardstick, 1.0) > LEAST_ODDS
-    assert compare_fits(right, right, sequence, yardstick, 1.0) == 0
+    residual_gate = make_residual_gate(tracks, sequence, sensors, config)
+    assert compare_fits(twisted, right, sequence, residual_gate, 1.0) > LEAST_ODDS
+    assert compare_fits(right, right, sequence, residual_gate, 1.0) == 0
 
 
 @pytest.mark.parametrize("prepare", ["right", "measured", "levels", "nothing"])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from asfm.backend.estimation.track_noise import LAGS, NARROWEST, WIDEST, estimate_track_noise, measure_persistence
+from asfm.backend.estimation.track_noise import LAGS, NARROWEST, WIDEST, autocorrelation_inflation, estimate_track_noise
 
 
 def test_noisy_tracks_are_told_from_sharp_ones() -> None:
@@ -67,7 +67,7 @@ def test_persistence_is_the_root_of_the_long_run_variance_over_the_variance(memo
     errors = make_lasting(memory, 3000, 30, np.random.default_rng(4))
     track = np.repeat(np.arange(3000), 30)
     left = errors - errors.mean(axis=1, keepdims=True)  # as a fitted point leaves them
-    found = measure_persistence(track, np.ones(len(track), dtype=bool), left.reshape(-1, 2))
+    found = autocorrelation_inflation(track, np.ones(len(track), dtype=bool), left.reshape(-1, 2))
     true = np.sqrt(30 * errors.mean(axis=1).var(axis=0))
     np.testing.assert_allclose(found, true, rtol=0.12)
 
@@ -75,10 +75,10 @@ def test_persistence_is_the_root_of_the_long_run_variance_over_the_variance(memo
 def test_persistence_counts_what_is_observed_and_needs_long_tracks() -> None:
     errors = make_lasting(0.9, 50, 20, np.random.default_rng(5)).reshape(-1, 2)
     track, observed = np.repeat(np.arange(50), 20), np.zeros(1000, dtype=bool)
-    np.testing.assert_array_equal(measure_persistence(track, observed, errors), [1, 1])
+    np.testing.assert_array_equal(autocorrelation_inflation(track, observed, errors), [1, 1])
     observed.reshape(50, 20)[:, :4] = True
-    np.testing.assert_array_equal(measure_persistence(track, observed, errors), [1, 1])
+    np.testing.assert_array_equal(autocorrelation_inflation(track, observed, errors), [1, 1])
     observed[:] = True
-    assert (measure_persistence(track, observed, errors) > 2).all()
-    np.testing.assert_array_equal(measure_persistence(track, observed, np.zeros((1000, 2))), [1, 1])
-    assert (measure_persistence(track, observed, np.tile([1.0, -1.0], (1000, 1))) < 5).all(), "bounded memory"
+    assert (autocorrelation_inflation(track, observed, errors) > 2).all()
+    np.testing.assert_array_equal(autocorrelation_inflation(track, observed, np.zeros((1000, 2))), [1, 1])
+    assert (autocorrelation_inflation(track, observed, np.tile([1.0, -1.0], (1000, 1))) < 5).all(), "bounded memory"

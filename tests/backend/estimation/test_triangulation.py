@@ -59,7 +59,7 @@ def test_exact_observations_give_exact_points() -> None:
     views = np.bincount(tracks.track)
     assert (views >= 4).mean() > 0.9
     assert error_m[views >= 4].max() < 1e-3
-    assert found.agrees.all()
+    assert found.inlier.all()
     assert np.abs(found.residual).max() < 0.1
 
 
@@ -74,7 +74,7 @@ def test_points_move_with_the_world() -> None:
     here = triangulate_tracks(noisy, poses, SONAR, sigma, GATE)
     there = triangulate_tracks(noisy, other @ poses, SONAR, sigma, GATE)
     np.testing.assert_allclose(there.xyz_m, transform(other, here.xyz_m), atol=1e-6)
-    np.testing.assert_array_equal(there.agrees, here.agrees)
+    np.testing.assert_array_equal(there.inlier, here.inlier)
 
 
 def test_planted_wrong_observations_are_found_and_do_no_harm() -> None:
@@ -88,8 +88,8 @@ def test_planted_wrong_observations_are_found_and_do_no_harm() -> None:
     right = np.bincount(exact.track, ~wrong) >= 6
     assert right.mean() > 0.9
     judged = right[exact.track]
-    assert found.agrees[judged & wrong].mean() < 0.01
-    assert found.agrees[judged & ~wrong].mean() > 0.99
+    assert found.inlier[judged & wrong].mean() < 0.01
+    assert found.inlier[judged & ~wrong].mean() > 0.99
     assert np.median(np.linalg.norm(found.xyz_m - xyz_m, axis=1)[right]) < 1e-3
     assert (np.linalg.norm(found.xyz_m - xyz_m, axis=1)[right] < 0.02).mean() > 0.97
 
@@ -139,7 +139,7 @@ def test_points_stay_in_the_beam_where_nothing_tells_their_elevation() -> None:
     np.testing.assert_allclose(range_m, project(xyz_m)[0], atol=0.01)
     np.testing.assert_allclose(bearing_rad, project(xyz_m)[1], atol=0.01)
     assert np.all(np.abs(elevation_rad) <= SONAR.elevation_aperture_rad / 2)
-    assert found.agrees.all()
+    assert found.inlier.all()
 
 
 def test_many_tracks_do_not_influence_each_other() -> None:
@@ -159,7 +159,7 @@ def test_many_tracks_do_not_influence_each_other() -> None:
 def test_no_tracks_give_no_points() -> None:
     nothing = Tracks(np.zeros(0, int), np.zeros(0, int), np.zeros(0), np.zeros(0))
     found = triangulate_tracks(nothing, np.eye(4)[None], SONAR, np.zeros((0, 2)), GATE)
-    assert found.xyz_m.shape == (0, 3) and found.agrees.shape == (0,) and found.residual.shape == (0, 2)
+    assert found.xyz_m.shape == (0, 3) and found.inlier.shape == (0,) and found.residual.shape == (0, 2)
 
 
 def test_residuals_are_in_sigmas_and_elevations_as_seen() -> None:
