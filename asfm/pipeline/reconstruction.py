@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from asfm.backend.ambiguity.mirror_ambiguity import admit_mirror, choose_image, describe_mirror, find_mirror
-from asfm.backend.ambiguity.motion_prior import discount_prior, relax_motion
-from asfm.backend.ambiguity.partial_mirroring import untwist
+from asfm.backend.ambiguity.mirror_ambiguity import choose_mirror, find_mirror, inflate_for_mirror, warn_of_mirror
+from asfm.backend.ambiguity.motion_prior import state_prior_covariance, widen_motion_prior
+from asfm.backend.ambiguity.partial_mirroring import correct_partial_mirroring
 from asfm.backend.diagnostics.connectivity import describe_support
 from asfm.backend.diagnostics.observability import SPAN, describe_reliability
 from asfm.backend.estimation.landmarks import describe_landmarks
@@ -162,9 +162,9 @@ def solve(
         solution = optimise(sequence, keypoints, candidates, start, config, clock)
     if not start.sensors.measured:
         with clock.stage("relax"):
-            solution = untwist(relax_motion(solution, sequence, config), sequence, config)
-            solution = choose_image(solution, config.backend.scene)
-            solution = discount_prior(solution, config.backend.motion_prior_factor)
+            solution = correct_partial_mirroring(widen_motion_prior(solution, sequence, config), sequence, config)
+            solution = choose_mirror(solution, config.backend.scene)
+            solution = state_prior_covariance(solution, config.backend.motion_prior_factor)
     return sequence, solution, (*start.sensors.warnings, *repeats, *calibration.describe())
 
 
@@ -246,7 +246,7 @@ def conclude(
             solution.bundle, solution.elevation_information_ratio, min(SPAN, len(sequence) - 1)
         )
         mirror = find_mirror(solution, config.backend.scene)
-        stated = admit_mirror(uncertainty, solution, mirror)
+        stated = inflate_for_mirror(uncertainty, solution, mirror)
         landmarks = describe_landmarks(solution, stated.point_m2, sequence, config)
         report.counts = {"landmarks": len(landmarks), "well constrained": int(landmarks.well_constrained.sum())}
     return Reconstruction(
@@ -258,7 +258,7 @@ def conclude(
         warnings=(
             *warnings,
             *describe_support(sequence, solution, config),
-            *describe_mirror(uncertainty, solution.bundle, mirror),
+            *warn_of_mirror(uncertainty, solution.bundle, mirror),
             *describe_reliability(solution, uncertainty),
         ),
     )

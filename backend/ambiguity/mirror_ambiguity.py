@@ -64,7 +64,7 @@ def find_mirror(solution: Solution, scene: Scene = "unknown") -> Mirror:
     """Reflect a solution and ask its measurements which of the two images is the true one.
 
     Args:
-        solution: shows the image that :func:`choose_image` has chosen.
+        solution: shows the image that :func:`choose_mirror` has chosen.
         scene: where it is known to lie, which excludes the image wherever the measurements do not tell.
     """
     bundle = solution.bundle
@@ -76,7 +76,7 @@ def find_mirror(solution: Solution, scene: Scene = "unknown") -> Mirror:
     return Mirror(probability, poses, points)
 
 
-def choose_image(solution: Solution, scene: Scene = "unknown") -> Solution:
+def choose_mirror(solution: Solution, scene: Scene = "unknown") -> Solution:
     """Take the other image where the measurements say so, or where they say nothing and it shows a bottom from above.
 
     In one of two images that are equally probable, what is near lies lower than what is far, as on a bottom that is
@@ -93,7 +93,7 @@ def choose_image(solution: Solution, scene: Scene = "unknown") -> Solution:
     return replace(solution, bundle=_take(solution, other)) if take else solution
 
 
-def admit_mirror(uncertainty: Uncertainty, solution: Solution, mirror: Mirror) -> Uncertainty:
+def inflate_for_mirror(uncertainty: Uncertainty, solution: Solution, mirror: Mirror) -> Uncertainty:
     """Widen the covariances of poses and points for the mirror image: their second moments over both images.
 
     With d from an estimate to its image, which has the probability p and the covariance C', the squared error about
@@ -126,7 +126,7 @@ def _reflect_motions(vehicle_from_sonar: FloatArray) -> FloatArray:
     return np.asarray(carry @ np.diag([-1.0, -1.0, 1.0, 1.0, 1.0, -1.0]) @ np.linalg.inv(carry))
 
 
-def describe_mirror(uncertainty: Uncertainty, bundle: Bundle, mirror: Mirror) -> tuple[str, ...]:
+def warn_of_mirror(uncertainty: Uncertainty, bundle: Bundle, mirror: Mirror) -> tuple[str, ...]:
     """Say in a sentence that another image explains the measurements, where it is clearly another one.
 
     Args:

@@ -19,7 +19,7 @@ SPAN = 10
 """Frames over which the motion is looked at."""
 
 
-def relax_motion(solution: Solution, sequence: Sequence, config: Config) -> Solution:
+def widen_motion_prior(solution: Solution, sequence: Sequence, config: Config) -> Solution:
     """Adjust once more with a motion prior that the turns found so far do not strain.
 
     The prior that the vehicle moves little must be tight as long as poses are far from the truth: else they settle
@@ -57,7 +57,7 @@ def measure_motion(world_from_vehicle: FloatArray) -> FloatArray:
     return np.sqrt([np.mean(rotation_rad**2) / count, np.mean(motion[:, :3, 3] ** 2) / count])
 
 
-def discount_prior(solution: Solution, factor: float) -> Solution:
+def state_prior_covariance(solution: Solution, factor: float) -> Solution:
     """State what is known with a motion prior that the whole motion does not strain; poses and points stay.
 
     A prior tighter than the motion is steadies an estimate, but it is no knowledge: the covariances of the estimate

@@ -2,7 +2,7 @@
 
 A scene and its mirror image look the same to the sonar (see :mod:`asfm.backend.ambiguity.mirror_ambiguity`). Where for
 some frames the motion hardly tells elevations, an optimisation that has begun with one image can go on with the
-other. The two parts then fit as well as ever, and only what spans the twist fits a little worse: a local optimum that
+other. The two parts then fit as well as ever, and only what spans the flip fits a little worse: a local optimum that
 no small step leaves.
 """
 
@@ -18,12 +18,12 @@ from asfm.sequence import Sequence
 from asfm.types import FloatArray, IntArray, Tracks
 
 STRIDE = 4
-"""Frames between two that are tried: a twist takes place over several."""
+"""Frames between two that are tried: a flip takes place over several."""
 MOST_TRACKS = 30
 """Tracks that a frame is judged by: those that reach farthest to both sides."""
 ELEVATIONS = 9
 """Fewer than triangulation tries by default: misfits are only compared."""
-LEAST_DIP = 0.05
+MIN_DEPTH = 0.05
 """How far the relative misfit must fall below what lies to both sides to count as a dip, not as chance."""
 LEAST_ODDS = 9.2
 """Logarithm of the odds from which on another solution is taken: 10,000 to 1. Features that slide err alike in many
@@ -32,8 +32,8 @@ NEAREST_END = 2
 """Frames before the first and after the last one that is tried."""
 
 
-def untwist(solution: Solution, sequence: Sequence, config: Config) -> Solution:
-    """Mirror the frames after the likeliest twist, adjust, and keep what fits better.
+def correct_partial_mirroring(solution: Solution, sequence: Sequence, config: Config) -> Solution:
+    """Mirror the frames after the likeliest flip, adjust, and keep what fits better.
 
     Odometry, depth or attitude tell the images of every frame apart: with them, solutions are left as they are.
     """
@@ -42,17 +42,17 @@ def untwist(solution: Solution, sequence: Sequence, config: Config) -> Solution:
         return solution
     tracks, poses = solution.tracks, solution.bundle.world_from_vehicle
     residual_gate = make_residual_gate(tracks, sequence, sensors, config)
-    frames, misfit = scan_twists(tracks, poses, sequence, residual_gate)
-    twist = choose_dip(frames, misfit)
-    if twist is None:
+    frames, misfit = scan_mirror_frames(tracks, poses, sequence, residual_gate)
+    flip = find_local_minimum(frames, misfit)
+    if flip is None:
         return solution
-    turned = reflect_after(poses, twist, sequence.vehicle_from_sonar)
+    turned = reflect_after(poses, flip, sequence.vehicle_from_sonar)
     other = solve_tracks(tracks, sequence, turned, sensors, config)
     odds = compare_fits(solution, other, sequence, residual_gate, config.backend.track_correlation)
     return other if odds > LEAST_ODDS else solution
 
 
-def scan_twists(
+def scan_mirror_frames(
     tracks: Tracks, world_from_vehicle: FloatArray, sequence: Sequence, residual_gate: ResidualGate
 ) -> tuple[IntArray, FloatArray]:
     """Measure by how much worse tracks fit when the poses after a frame are mirrored.
@@ -77,7 +77,7 @@ def scan_twists(
     return np.array(frames, dtype=np.int64), np.array(misfit)
 
 
-def choose_dip(frames: IntArray, misfit: FloatArray) -> int | None:
+def find_local_minimum(frames: IntArray, misfit: FloatArray) -> int | None:
     """Choose the frame of the lowest dip, if there is one.
 
     Towards both ends of a sequence the misfit falls by itself, as ever fewer tracks span the frame: a dip has higher
@@ -87,7 +87,7 @@ def choose_dip(frames: IntArray, misfit: FloatArray) -> int | None:
         (float(misfit[index]), int(frames[index]))
         for index in range(1, len(frames) - 1)
         if misfit[index] <= min(misfit[index - 1], misfit[index + 1])
-        and min(misfit[:index].max(), misfit[index + 1 :].max()) - misfit[index] >= LEAST_DIP
+        and min(misfit[:index].max(), misfit[index + 1 :].max()) - misfit[index] >= MIN_DEPTH
     ]
     return min(dips)[1] if dips else None
 

@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asfm.backend.ambiguity.mirror_ambiguity import admit_mirror, choose_image, describe_mirror, find_mirror, reflect
+from asfm.backend.ambiguity.mirror_ambiguity import (
+    choose_mirror,
+    find_mirror,
+    inflate_for_mirror,
+    reflect,
+    warn_of_mirror,
+)
 from asfm.backend.estimation.solution import Solution
 from asfm.backend.graph.bundle_adjustment import Bundle, adjust_bundle
 from asfm.backend.graph.marginal_covariance import Uncertainty, measure_uncertainty
@@ -95,7 +101,7 @@ def adjust(solution: Solution) -> Solution:
 
 
 def state(solution: Solution) -> Uncertainty:
-    return admit_mirror(
+    return inflate_for_mirror(
         measure_uncertainty(solution.bundle, solution.elevation_information_ratio), solution, find_mirror(solution)
     )
 
@@ -134,12 +140,12 @@ def test_only_other_sensors_tell_the_images_apart(kind: str, expected: float) ->
     mirror = find_mirror(solution)
     assert mirror.probability == pytest.approx(expected, abs=0.05)
     uncertainty = measure_uncertainty(solution.bundle, solution.elevation_information_ratio)
-    sentences = describe_mirror(uncertainty, solution.bundle, mirror)
+    sentences = warn_of_mirror(uncertainty, solution.bundle, mirror)
     if expected:
         (sentence,) = sentences
         assert "heights, roll and pitch may have the other sign" in sentence and "not shown: 0." in sentence
     else:
-        assert sentences == () and admit_mirror(uncertainty, solution, mirror) is uncertainty
+        assert sentences == () and inflate_for_mirror(uncertainty, solution, mirror) is uncertainty
 
 
 @pytest.mark.parametrize("kind", ["odometry", "levels"])
@@ -147,18 +153,18 @@ def test_the_image_that_sensors_contradict_is_left(kind: str) -> None:
     solution, truth, _ = make_solution(kind)
     wrong = show_other(solution)
     assert find_mirror(wrong).probability > 0.999
-    np.testing.assert_allclose(choose_image(wrong).bundle.world_from_vehicle, truth, atol=0.1)
-    assert choose_image(solution) is solution
+    np.testing.assert_allclose(choose_mirror(wrong).bundle.world_from_vehicle, truth, atol=0.1)
+    assert choose_mirror(solution) is solution
 
 
 @pytest.mark.parametrize("slope", [0.1, -0.1])
 def test_of_two_equal_images_a_bottom_is_shown(slope: float) -> None:
     """Whichever image was found, the one is shown in which what is far lies higher."""
     found, _, _ = make_solution(slope=slope)
-    shown, again = choose_image(found), choose_image(show_other(found))
+    shown, again = choose_mirror(found), choose_mirror(show_other(found))
     assert (shown is found) == (slope > 0)
     np.testing.assert_allclose(again.bundle.world_from_vehicle, shown.bundle.world_from_vehicle, atol=1e-9)
-    assert choose_image(shown) is shown
+    assert choose_mirror(shown) is shown
     assert shown.bundle.measured.error(shown.bundle.values) == pytest.approx(
         found.bundle.measured.error(found.bundle.values), rel=0.02
     )
@@ -169,7 +175,7 @@ def test_a_scene_known_to_lie_below_or_above_has_one_image(slope: float) -> None
     found, _, _ = make_solution(slope=slope)
     scene: Scene = "below" if slope > 0 else "above"
     for begun in (found, show_other(found)):
-        shown = choose_image(begun, scene)
+        shown = choose_mirror(begun, scene)
         np.testing.assert_allclose(shown.bundle.world_from_vehicle, found.bundle.world_from_vehicle, atol=1e-9)
         assert find_mirror(shown, scene).probability == 0.0
     assert find_mirror(found).probability > 0.3
@@ -177,7 +183,7 @@ def test_a_scene_known_to_lie_below_or_above_has_one_image(slope: float) -> None
 
 def test_a_scene_said_to_lie_elsewhere_does_not_overrule_sensors() -> None:
     solution, _, _ = make_solution("odometry")
-    assert choose_image(solution, "above") is solution
+    assert choose_mirror(solution, "above") is solution
     assert find_mirror(show_other(solution), "above").probability > 0.999
 
 

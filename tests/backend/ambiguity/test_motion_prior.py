@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asfm.backend.ambiguity.motion_prior import SPAN, discount_prior, loosen_turns, relax_motion
+from asfm.backend.ambiguity.motion_prior import SPAN, loosen_turns, state_prior_covariance, widen_motion_prior
 from asfm.backend.estimation.solution import Solution, solve_tracks
 from asfm.backend.graph.marginal_covariance import measure_uncertainty
 from asfm.config import BackendConfig
@@ -84,7 +84,7 @@ def make_case() -> tuple[Solution, Sequence, FloatArray]:
 def test_slow_rolls_are_not_held_back() -> None:
     """Rolls that a tight prior draws to zero by many of the stated sigmas come out within a few of them."""
     tight, sequence, truth = make_case()
-    relaxed = relax_motion(tight, sequence, load_config())
+    relaxed = widen_motion_prior(tight, sequence, load_config())
     assert roll_errors(relaxed, truth) < 2 < roll_errors(tight, truth)
     wider = relaxed.problem.sensors.step_sigma / tight.problem.sensors.step_sigma
     assert (wider[:, 0] > 2).all() and (wider[:, 1] == 1).all()
@@ -106,21 +106,21 @@ def test_measured_steps_are_left_as_they_are() -> None:
     )
     sequence = Sequence("made up", SONAR, np.arange(4.0), _no_frame)
     solution = solve_tracks(tracks, sequence, poses, make_sensors(frames, (0.01, 0.01), measured=True), load_config())
-    assert relax_motion(solution, sequence, load_config()) is solution
+    assert widen_motion_prior(solution, sequence, load_config()) is solution
     none = replace(solution, observed=np.zeros(4, dtype=bool))
     none = replace(none, problem=replace(none.problem, sensors=make_sensors(frames, (0.01, 0.01))))
-    assert relax_motion(none, sequence, load_config()) is none
+    assert widen_motion_prior(none, sequence, load_config()) is none
 
 
 def test_a_prior_that_is_discounted_is_no_knowledge() -> None:
     """Poses stay; covariances become those of the same graph with wider steps, and never smaller."""
     tight, _, _ = make_case()
-    stated = discount_prior(tight, 1.5)
+    stated = state_prior_covariance(tight, 1.5)
     assert stated.bundle.values is tight.bundle.values
     before, after = (measure_uncertainty(s.bundle, s.elevation_information_ratio).pose for s in (tight, stated))
     growth = np.linalg.eigvalsh(after - before)
     assert growth.min() > -1e-6 * growth.max() and after[-1, 0, 0] > 1.5 * before[-1, 0, 0]
-    unchanged = discount_prior(tight, 1e-3)
+    unchanged = state_prior_covariance(tight, 1e-3)
     np.testing.assert_allclose(
         measure_uncertainty(unchanged.bundle, unchanged.elevation_information_ratio).pose, before, rtol=1e-9
     )

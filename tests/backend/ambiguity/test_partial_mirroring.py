@@ -7,7 +7,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from asfm.backend.ambiguity.mirror_ambiguity import reflect_after
-from asfm.backend.ambiguity.partial_mirroring import LEAST_ODDS, choose_dip, compare_fits, scan_twists, untwist
+from asfm.backend.ambiguity.partial_mirroring import (
+    LEAST_ODDS,
+    compare_fits,
+    correct_partial_mirroring,
+    find_local_minimum,
+    scan_mirror_frames,
+)
 from asfm.backend.estimation.residual_gate import make_residual_gate
 from asfm.backend.estimation.solution import solve_tracks
 from asfm.config import BackendConfig
@@ -84,12 +90,12 @@ def test_a_twist_is_found_and_set_right() -> None:
     tracks, sequence, sensors, truth = make_case()
     config = load_config()
     twisted = solve_tracks(tracks, sequence, reflect_after(truth, TWIST, LEVER_ARM), sensors, config)
-    frames, misfit = scan_twists(
+    frames, misfit = scan_mirror_frames(
         tracks, twisted.bundle.world_from_vehicle, sequence, make_residual_gate(tracks, sequence, sensors, config)
     )
-    found = choose_dip(frames, misfit)
+    found = find_local_minimum(frames, misfit)
     assert found is not None and abs(found - TWIST) <= 6
-    right = untwist(twisted, sequence, config)
+    right = correct_partial_mirroring(twisted, sequence, config)
     before, after = (roll_rad(solution.bundle.world_from_vehicle) - roll_rad(truth) for solution in (twisted, right))
     assert np.abs(before).max() > 0.3 > 0.1 > np.abs(after).max(), "the optimisation alone does not leave the twist"
     residual_gate = make_residual_gate(tracks, sequence, sensors, config)
@@ -105,7 +111,7 @@ def test_what_is_not_twisted_is_left(prepare: str) -> None:
         solution = replace(solution, problem=replace(solution.problem, sensors=with_levels(sensors)))
     if prepare == "nothing":
         solution = replace(solution, observed=np.zeros(len(tracks), dtype=bool))
-    assert untwist(solution, sequence, load_config()) is solution
+    assert correct_partial_mirroring(solution, sequence, load_config()) is solution
 
 
 def with_levels(sensors: SensorConstraints) -> SensorConstraints:
@@ -114,8 +120,10 @@ def with_levels(sensors: SensorConstraints) -> SensorConstraints:
 
 def test_only_dips_with_higher_values_to_both_sides_count() -> None:
     frames = np.arange(2, 23, 3)
-    assert choose_dip(frames, np.array([0.0, 0.2, 0.1, 0.3, 0.9, 0.4, 0.01])) == 8
-    assert choose_dip(frames, np.array([0.0, 0.2, 0.16, 0.3, 0.9, 0.4, 0.01])) is None, "as small as chance makes them"
-    assert choose_dip(frames, np.array([0.0, 0.2, 0.4, 0.9, 0.5, 0.2, 0.1])) is None
-    assert choose_dip(frames[:2], np.array([0.1, 0.0])) is None
-    assert choose_dip(frames[:0], np.zeros(0)) is None
+    assert find_local_minimum(frames, np.array([0.0, 0.2, 0.1, 0.3, 0.9, 0.4, 0.01])) == 8
+    assert find_local_minimum(frames, np.array([0.0, 0.2, 0.16, 0.3, 0.9, 0.4, 0.01])) is None, (
+        "as small as chance makes them"
+    )
+    assert find_local_minimum(frames, np.array([0.0, 0.2, 0.4, 0.9, 0.5, 0.2, 0.1])) is None
+    assert find_local_minimum(frames[:2], np.array([0.1, 0.0])) is None
+    assert find_local_minimum(frames[:0], np.zeros(0)) is None
