@@ -7,8 +7,8 @@ import numpy as np
 from asfm.backend.ambiguity.mirror_ambiguity import choose_mirror, find_mirror, inflate_for_mirror, warn_of_mirror
 from asfm.backend.ambiguity.motion_prior import state_prior_covariance, widen_motion_prior
 from asfm.backend.ambiguity.partial_mirroring import correct_partial_mirroring
-from asfm.backend.diagnostics.connectivity import describe_support
-from asfm.backend.diagnostics.observability import SPAN, describe_reliability
+from asfm.backend.diagnostics.connectivity import warn_of_disconnected_steps
+from asfm.backend.diagnostics.observability import SPAN, warn_of_unreliable_poses
 from asfm.backend.estimation.landmarks import describe_landmarks
 from asfm.backend.estimation.solution import Solution, solve_tracks
 from asfm.backend.graph.marginal_covariance import measure_uncertainty
@@ -257,9 +257,9 @@ def conclude(
         pose_covariance=stated.pose,
         warnings=(
             *warnings,
-            *describe_support(sequence, solution, config),
+            *warn_of_disconnected_steps(sequence, solution, config),
             *warn_of_mirror(uncertainty, solution.bundle, mirror),
-            *describe_reliability(solution, uncertainty),
+            *warn_of_unreliable_poses(solution, uncertainty),
         ),
     )
 

@@ -12,11 +12,11 @@ MIN_LINKS = 3
 """Fewest landmarks that two parts of a trajectory must share to be tied together."""
 
 
-def describe_support(sequence: Sequence, solution: Solution, config: Config) -> tuple[str, ...]:
+def warn_of_disconnected_steps(sequence: Sequence, solution: Solution, config: Config) -> tuple[str, ...]:
     """Say in one sentence each which stretches of the trajectory the sonar does not support."""
     if len(sequence) == 1:
         return ("the sequence has one frame: nothing to reconstruct, its pose is held",)
-    loose = ~linked_steps(solution, len(sequence))
+    loose = ~connected_steps(solution, len(sequence))
     if not loose.any():
         return ()
     stand_in = "odometry" if sequence.odometry is not None and config.backend.use_odometry else "the last pose"
@@ -29,7 +29,7 @@ def describe_support(sequence: Sequence, solution: Solution, config: Config) -> 
     )
 
 
-def linked_steps(solution: Solution, frame_count: int) -> BoolArray:
+def connected_steps(solution: Solution, frame_count: int) -> BoolArray:
     """Tell which steps from a frame to the next are spanned by enough landmarks: (N - 1,).
 
     A landmark spans a step when it is used both before and after it.

@@ -10,7 +10,7 @@ from asfm.types import BoolArray, FloatArray
 
 SPAN = 10
 """Frames over which a motion is judged: what sonar adds to a single step is little, and adds up."""
-HELD = 0.9
+UNOBSERVED_RATIO = 0.9
 """Standard deviation over that without sonar and navigation from which on a direction is held by the steps alone."""
 LEAST_STRETCH = 5
 """Shorter stretches of frames are not worth a word."""
@@ -22,24 +22,24 @@ DIRECTIONS = ("roll", "pitch", "yaw", "forward motion", "sideways motion", "heig
 """In the vehicle's frame, as the covariances have them."""
 
 
-def describe_reliability(solution: Solution, uncertainty: Uncertainty) -> tuple[str, ...]:
+def warn_of_unreliable_poses(solution: Solution, uncertainty: Uncertainty) -> tuple[str, ...]:
     """Say in one sentence each what the poses owe to no measurement, and from where they are in doubt."""
     used = solution.observed
     if not used.any():
         return ()
     range_m = float(np.median(solution.tracks.range_m[used]))
-    doubt = describe_doubt(uncertainty, solution.bundle.world_from_vehicle, range_m)
-    return (*describe_weakness(uncertainty, solution.problem.sensors), *doubt)
+    doubt = warn_of_position_uncertainty(uncertainty, solution.bundle.world_from_vehicle, range_m)
+    return (*warn_of_unobserved_directions(uncertainty, solution.problem.sensors), *doubt)
 
 
-def describe_weakness(uncertainty: Uncertainty, sensors: SensorConstraints) -> tuple[str, ...]:
+def warn_of_unobserved_directions(uncertainty: Uncertainty, sensors: SensorConstraints) -> tuple[str, ...]:
     """Say by name which directions only the odometry, or the assumption of little motion, holds, and in which frames.
 
     Args:
         uncertainty: measured over spans of :data:`SPAN` frames, or fewer in a shorter sequence.
         sensors: the steps and their sigmas.
     """
-    held = find_held(uncertainty, sensors)
+    held = find_unobserved_directions(uncertainty, sensors)
     stretches: dict[str, list[str]] = {}
     for axis, name in enumerate(DIRECTIONS):
         found = ", ".join(name_stretches(held[:, axis], LEAST_STRETCH))
@@ -52,21 +52,23 @@ def describe_weakness(uncertainty: Uncertainty, sensors: SensorConstraints) -> t
     )
 
 
-def find_held(uncertainty: Uncertainty, sensors: SensorConstraints) -> BoolArray:
+def find_unobserved_directions(uncertainty: Uncertainty, sensors: SensorConstraints) -> BoolArray:
     """Find the directions in which nothing but the steps tells a motion: (N, 6), true in all frames of such spans."""
     count, spans = len(uncertainty.pose), len(uncertainty.span)
     span = count - spans
     total = np.concatenate([np.zeros((1, 2)), np.cumsum(sensors.step_sigma**2, axis=0)])
     prior = np.sqrt(total[span:] - total[:spans])  # rotation and translation of each span without the sonar
     sigma = np.sqrt(np.maximum(np.diagonal(uncertainty.span, axis1=1, axis2=2), 0))
-    loose = sigma >= HELD * np.repeat(prior, 3, axis=1)
+    loose = sigma >= UNOBSERVED_RATIO * np.repeat(prior, 3, axis=1)
     held = np.zeros((count, 6), dtype=bool)
     for shift in range(span + 1):
         held[shift : shift + spans] |= loose
     return held
 
 
-def describe_doubt(uncertainty: Uncertainty, world_from_vehicle: FloatArray, range_m: float) -> tuple[str, ...]:
+def warn_of_position_uncertainty(
+    uncertainty: Uncertainty, world_from_vehicle: FloatArray, range_m: float
+) -> tuple[str, ...]:
     """Say from which frame on the position is too uncertain to be trusted, if it is.
 
     Args:

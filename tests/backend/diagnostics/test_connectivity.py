@@ -6,7 +6,7 @@ from typing import cast
 import numpy as np
 import pytest
 
-from asfm.backend.diagnostics.connectivity import MIN_LINKS, describe_support, linked_steps
+from asfm.backend.diagnostics.connectivity import MIN_LINKS, connected_steps, warn_of_disconnected_steps
 from asfm.backend.estimation.solution import Solution
 from asfm.backend.graph.bundle_adjustment import Bundle
 from asfm.backend.graph.problem import BundleProblem
@@ -46,7 +46,7 @@ def _solution(spans: list[list[int]], observed: BoolArray | None = None) -> Solu
 
 
 def _say(spans: list[list[int]], frame_count: int, odometry: bool = True) -> tuple[str, ...]:
-    return describe_support(_sequence(frame_count, odometry), _solution(spans), Config())
+    return warn_of_disconnected_steps(_sequence(frame_count, odometry), _solution(spans), Config())
 
 
 def test_nothing_to_say_where_all_frames_share_landmarks() -> None:
@@ -61,8 +61,8 @@ def test_gaps_are_named_by_the_frames_they_lie_between() -> None:
 
 
 def test_a_landmark_that_skips_frames_ties_them_all_the_same() -> None:
-    assert linked_steps(_solution([[0, 4]] * 3), 5).tolist() == [True] * 4
-    assert linked_steps(_solution([[0, 4]] * (MIN_LINKS - 1)), 5).tolist() == [False] * 4
+    assert connected_steps(_solution([[0, 4]] * 3), 5).tolist() == [True] * 4
+    assert connected_steps(_solution([[0, 4]] * (MIN_LINKS - 1)), 5).tolist() == [False] * 4
 
 
 def test_links_agree_with_a_plain_count() -> None:
@@ -70,14 +70,14 @@ def test_links_agree_with_a_plain_count() -> None:
     spans = [sorted(rng.choice(12, rng.integers(1, 5), replace=False).tolist()) for _ in range(12)]
     expected = [sum(min(s) <= step < max(s) for s in spans) >= MIN_LINKS for step in range(11)]
     assert len(set(expected)) == 2
-    assert linked_steps(_solution(spans), 12).tolist() == expected
+    assert connected_steps(_solution(spans), 12).tolist() == expected
 
 
 def test_observations_that_were_dropped_tie_nothing() -> None:
     spans = [[0, 1, 2]] * 3
     dropped = _solution(spans, np.array([True, True, False] * 3))
-    assert linked_steps(dropped, 3).tolist() == [True, False]
-    assert linked_steps(_solution(spans, np.zeros(9, dtype=bool)), 3).tolist() == [False, False]
+    assert connected_steps(dropped, 3).tolist() == [True, False]
+    assert connected_steps(_solution(spans, np.zeros(9, dtype=bool)), 3).tolist() == [False, False]
 
 
 @pytest.mark.parametrize("spans", [[], [[0, 1, 2, 3]] * 2])
@@ -90,7 +90,7 @@ def test_no_support_at_all_says_what_holds_the_poses(spans: list[list[int]], odo
 
 def test_unwanted_odometry_holds_nothing() -> None:
     config = Config(backend=BackendConfig(use_odometry=False))
-    (sentence,) = describe_support(_sequence(4), _solution([]), config)
+    (sentence,) = warn_of_disconnected_steps(_sequence(4), _solution([]), config)
     assert sentence.endswith("held by the last pose")
 
 
@@ -110,4 +110,6 @@ def test_sequences_that_differ_only_in_stamps_get_the_same_words() -> None:
     sequence = _sequence(6)
     later = replace(sequence, timestamps_s=sequence.timestamps_s * 7 + 1e9)
     solution = _solution([[0, 1, 2]] * 3)
-    assert describe_support(sequence, solution, Config()) == describe_support(later, solution, Config())
+    assert warn_of_disconnected_steps(sequence, solution, Config()) == warn_of_disconnected_steps(
+        later, solution, Config()
+    )

@@ -5,7 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from asfm.backend.diagnostics.observability import describe_doubt, describe_weakness, find_held
+from asfm.backend.diagnostics.observability import (
+    find_unobserved_directions,
+    warn_of_position_uncertainty,
+    warn_of_unobserved_directions,
+)
 from asfm.backend.graph.marginal_covariance import Uncertainty
 from asfm.backend.stretches import name_stretches
 from asfm.config import BackendConfig
@@ -43,19 +47,19 @@ def test_directions_that_nothing_else_holds_are_named_with_their_frames(sensors:
     held = np.zeros((FRAMES - SPAN, 6), dtype=bool)
     held[10:21, [1, 5]] = True
     held[:, 0] = True
-    found = find_held(make_uncertainty(held), sensors)
+    found = find_unobserved_directions(make_uncertainty(held), sensors)
     assert found[:, 0].all() and not found[:, 2:5].any()
     np.testing.assert_array_equal(np.flatnonzero(found[:, 5]), np.arange(10, 26))
-    assert describe_weakness(make_uncertainty(held), sensors) == (
+    assert warn_of_unobserved_directions(make_uncertainty(held), sensors) == (
         "roll is held by the odometry alone in frames 0-39",
         "pitch and height are held by the odometry alone in frames 10-25",
     )
-    guessed = describe_weakness(make_uncertainty(held), replace(sensors, measured=False))
+    guessed = warn_of_unobserved_directions(make_uncertainty(held), replace(sensors, measured=False))
     assert guessed[0] == "roll is held by the assumption that the vehicle moves little alone in frames 0-39"
 
 
 def test_nothing_is_said_where_the_data_hold_everything(sensors: SensorConstraints) -> None:
-    assert describe_weakness(make_uncertainty(np.zeros((FRAMES - SPAN, 6), dtype=bool)), sensors) == ()
+    assert warn_of_unobserved_directions(make_uncertainty(np.zeros((FRAMES - SPAN, 6), dtype=bool)), sensors) == ()
 
 
 def test_a_trajectory_is_in_doubt_from_where_its_position_is_uncertain_by_a_tenth_of_the_path() -> None:
@@ -63,17 +67,19 @@ def test_a_trajectory_is_in_doubt_from_where_its_position_is_uncertain_by_a_tent
     poses[:, 0, 3] = np.linspace(0, 4.0, FRAMES)
     growing = np.zeros((FRAMES, 6, 6))
     growing[:, 3, 3] = (0.02 * np.arange(FRAMES)) ** 2
-    said = describe_doubt(Uncertainty(growing, growing[:1], growing[:, :3, :3]), poses, 5.0)
+    said = warn_of_position_uncertainty(Uncertainty(growing, growing[:1], growing[:, :3, :3]), poses, 5.0)
     assert len(said) == 1 and "from frame 21 on" in said[0] and "0.78 m at the end" in said[0]
     sure = Uncertainty(growing / 16, growing[:1], growing[:, :3, :3])
-    assert describe_doubt(sure, poses, 5.0) == ()
+    assert warn_of_position_uncertainty(sure, poses, 5.0) == ()
 
 
 def test_a_sonar_that_stands_still_is_in_doubt_where_it_is_uncertain_against_its_range() -> None:
     still = np.repeat(np.eye(4)[None], FRAMES, axis=0)
     covariance = np.tile(np.diag([0, 0, 0, 0.01, 0.01, 0.01]) ** 2, (FRAMES, 1, 1))
-    assert describe_doubt(Uncertainty(covariance, covariance, covariance[:, :3, :3]), still, 5.0) == ()
-    assert describe_doubt(Uncertainty(49 * covariance, covariance, covariance[:, :3, :3]), still, 5.0) != ()
+    assert warn_of_position_uncertainty(Uncertainty(covariance, covariance, covariance[:, :3, :3]), still, 5.0) == ()
+    assert (
+        warn_of_position_uncertainty(Uncertainty(49 * covariance, covariance, covariance[:, :3, :3]), still, 5.0) != ()
+    )
 
 
 def test_stretches_are_named_by_frames_or_steps_and_many_are_counted() -> None:
