@@ -8,7 +8,7 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
-def work_ahead(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
+def prefetch_map(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
     """Apply a function to items in their order, in one thread beside the consumer, one item ahead of it.
 
     Pays where the function lets go of Python's lock, as OpenCV and numpy do. What the function or the items raise

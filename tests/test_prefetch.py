@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 import pytest
 
-from asfm.prefetch import work_ahead
+from asfm.prefetch import prefetch_map
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 7])
 def test_results_are_those_of_map(count: int) -> None:
-    assert list(work_ahead(lambda item: item * item, range(count))) == [item * item for item in range(count)]
+    assert list(prefetch_map(lambda item: item * item, range(count))) == [item * item for item in range(count)]
 
 
 def test_work_is_done_beside_the_consumer_one_item_ahead_of_it() -> None:
@@ -22,7 +22,7 @@ def test_work_is_done_beside_the_consumer_one_item_ahead_of_it() -> None:
         done.append(item)
         return threading.get_ident() == here
 
-    for number, in_consumers_thread in enumerate(work_ahead(work, range(5))):
+    for number, in_consumers_thread in enumerate(prefetch_map(work, range(5))):
         assert not in_consumers_thread
         for _ in range(100):
             if len(done) > number + 1 or number == 4:
@@ -35,7 +35,7 @@ def test_errors_come_in_their_turn() -> None:
     def work(item: int) -> float:
         return 1 / (2 - item)
 
-    results = work_ahead(work, range(4))
+    results = prefetch_map(work, range(4))
     assert [next(results), next(results)] == [0.5, 1.0]
     with pytest.raises(ZeroDivisionError):
         next(results)
@@ -45,12 +45,12 @@ def test_errors_come_in_their_turn() -> None:
         raise OSError("gone")
 
     with pytest.raises(OSError, match="gone"):
-        list(work_ahead(work, items()))
+        list(prefetch_map(work, items()))
 
 
 def test_a_consumer_that_stops_leaves_no_thread_behind() -> None:
     before = threading.active_count()
-    results = work_ahead(lambda item: item, range(100))
+    results = prefetch_map(lambda item: item, range(100))
     next(results)
     results.close()  # type: ignore[attr-defined]
     assert threading.active_count() == before

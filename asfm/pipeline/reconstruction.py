@@ -34,7 +34,7 @@ from asfm.navigation.duplicate_frames import drop_duplicate_frames
 from asfm.navigation.odometry_hypotheses import collect_point_pairs
 from asfm.pipeline.loop_closure import find_loops
 from asfm.pipeline.self_calibration import apply_calibration, estimate_calibration
-from asfm.prefetch import work_ahead
+from asfm.prefetch import prefetch_map
 from asfm.recorder import NullRecorder, Recorder
 from asfm.sequence import Sequence
 from asfm.stages import Progress, StageClock, StageReport, no_progress
@@ -76,15 +76,15 @@ def reconstruct(
     if given is not None:  # what somebody else's matches are worth shall show: loops and growth would be asfm's own
         loops = config.loops.model_copy(update={"enabled": False})
         config = config.model_copy(update={"loops": loops, "tracks": config.tracks.model_copy(update={"window": 0})})
-    keypoints, candidates = extract(sequence, config, recorder, clock, given)
-    solved, solution, told = solve(sequence, keypoints, candidates, config, clock)
-    reconstruction = conclude(solved, solution, config, clock, told)
+    keypoints, candidates = extract_matches(sequence, config, recorder, clock, given)
+    solved, solution, told = estimate(sequence, keypoints, candidates, config, clock)
+    reconstruction = summarise(solved, solution, config, clock, told)
     with clock.stage("record"):
         recorder.record_reconstruction(solved, reconstruction)
     return Run(reconstruction, tuple(clock.reports))
 
 
-def extract(
+def extract_matches(
     sequence: Sequence, config: Config, recorder: Recorder, clock: StageClock, given: ExternalMatches | None = None
 ) -> tuple[list[Keypoints], list[Matches]]:
     """Turn images into keypoints, and pairs of frames into candidate matches. Two images are in memory at a time."""
@@ -100,7 +100,7 @@ def extract(
     predicted = predict_poses(sequence, config)
     longest_gap = config.matching.max_gap if given is None else given.longest_gap
     with clock.stage("front-end") as report:
-        for frame, mask, found in work_ahead(look, sequence):
+        for frame, mask, found in prefetch_map(look, sequence):
             keypoints.append(found)
             if given is None:
                 matches = match_with_previous(frame.index, keypoints, config, sequence.sonar, predicted)
@@ -144,7 +144,7 @@ def _count_rejected(candidates: list[Matches]) -> dict[str, int]:
     return counts
 
 
-def solve(
+def estimate(
     sequence: Sequence, keypoints: list[Keypoints], candidates: list[Matches], config: Config, clock: StageClock
 ) -> tuple[Sequence, Solution, tuple[str, ...]]:
     """Find poses and points; once more with the mounting and the range bias corrected, where these are estimated.
@@ -237,7 +237,7 @@ def _match_to_landmarks(
     return match_to_landmarks(solved, config.tracks.window)
 
 
-def conclude(
+def summarise(
     sequence: Sequence, solution: Solution, config: Config, clock: StageClock, warnings: tuple[str, ...] = ()
 ) -> Reconstruction:
     """Describe the landmarks and say what the poses rest on."""

@@ -18,7 +18,7 @@ from asfm.datasets.native.writer import write_native
 from asfm.errors import AsfmError
 from asfm.frontend.matching.external_matches import ExternalMatches
 from asfm.geometry.sonar import SonarModel
-from asfm.pipeline.reconstruction import extract, reconstruct
+from asfm.pipeline.reconstruction import extract_matches, reconstruct
 from asfm.recorder import NullRecorder
 from asfm.sequence import Sequence
 from asfm.simulation.simulate import simulate
@@ -197,7 +197,7 @@ def test_own_keypoints_and_matches_give_the_same_run(folder: Path, tmp_path: Pat
     def config_of(*filters: Any) -> Config:
         return Config(matching=MatchingConfig(filters=filters, guided=False), backend=BackendConfig(rounds=1))
 
-    keypoints, found = extract(sequence, config_of("mutual", "ratio"), NullRecorder(), StageClock())
+    keypoints, found = extract_matches(sequence, config_of("mutual", "ratio"), NullRecorder(), StageClock())
     names, paths = name_images(folder, sequence), (tmp_path / "f.h5", tmp_path / "m.h5")
     write_hloc(*paths, names, keypoints, found)
     given = read_hloc(*paths, sequence, names)
@@ -214,7 +214,7 @@ def test_the_command_line_takes_both_files_or_neither(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     sequence = open_sequence(folder)
-    keypoints, found = extract(sequence, Config(), NullRecorder(), StageClock())
+    keypoints, found = extract_matches(sequence, Config(), NullRecorder(), StageClock())
     paths = tmp_path / "f.h5", tmp_path / "m.h5"
     write_hloc(*paths, name_images(folder, sequence), keypoints, found)
     command = ["run", str(folder), "--output", str(tmp_path / "out"), "--set", "backend.rounds=1", "--no-rerun"]

@@ -397,7 +397,7 @@ def test_a_fault_in_the_middle_keeps_the_old_results(
     def fail(*arguments: object) -> None:
         raise fault
 
-    monkeypatch.setattr("asfm.pipeline.reconstruction.conclude", fail)
+    monkeypatch.setattr("asfm.pipeline.reconstruction.summarise", fail)
     found, message = run(capsys, *command, "--overwrite")
     assert found == code and said.format(out=tmp_path / "out") in message
     assert ("Traceback" in message) == (code == 1)

@@ -13,7 +13,7 @@ from asfm.frontend.tracking.association import associate
 from asfm.geometry.poses import invert, transform
 from asfm.geometry.sonar import back_project, project
 from asfm.pipeline import loop_closure as loops
-from asfm.pipeline.reconstruction import extract, initialise, optimise
+from asfm.pipeline.reconstruction import extract_matches, initialise, optimise
 from asfm.recorder import NullRecorder
 from asfm.sequence import Sequence
 from asfm.simulation.scenes.scene import Scene, join_scenes
@@ -107,7 +107,7 @@ def solve_first_round(
 ) -> tuple[list[Keypoints], list[Matches], InitialPoses, Solution]:
     """Go as far as the pipeline does before it looks for loops."""
     sequence, clock = render_round_trip(repeated, seed).sequence, StageClock()
-    keypoints, candidates = extract(sequence, config, NullRecorder(), clock)
+    keypoints, candidates = extract_matches(sequence, config, NullRecorder(), clock)
     keypoints = [frame.without_patches() for frame in keypoints]
     start = initialise(sequence, keypoints, candidates, config, clock)
     tracks = associate(keypoints, candidates, sequence.sonar, start.world_from_vehicle, config)

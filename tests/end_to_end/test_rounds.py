@@ -8,7 +8,7 @@ from asfm.config import Config
 from asfm.config_file import load_config
 from asfm.frontend.matching.external_matches import ExternalMatches
 from asfm.frontend.tracking.triangulated_tracks import TriangulatedTracks
-from asfm.pipeline.reconstruction import extract, initialise, optimise, reconstruct
+from asfm.pipeline.reconstruction import extract_matches, initialise, optimise, reconstruct
 from asfm.recorder import NullRecorder
 from asfm.sequence import Sequence
 from asfm.simulation.simulate import simulate
@@ -21,7 +21,7 @@ FRAMES = 8
 @pytest.fixture(scope="module")
 def extracted() -> tuple[Sequence, list[Keypoints], list[Matches]]:
     sequence = simulate("tank", frame_count=FRAMES, seed=1).sequence
-    return sequence, *extract(sequence, Config(), NullRecorder(), StageClock())
+    return sequence, *extract_matches(sequence, Config(), NullRecorder(), StageClock())
 
 
 def run_rounds(

@@ -16,7 +16,7 @@ from asfm.evaluation.accuracy_bound import measure_bound
 from asfm.evaluation.covariance_consistency import LandmarkQuality, judge_landmarks, measure_nees, true_poses
 from asfm.evaluation.pose_error_table import evaluate_sequence
 from asfm.evaluation.trajectory import align_first_pose, path_length_m
-from asfm.pipeline.reconstruction import conclude, extract, predict_poses, solve
+from asfm.pipeline.reconstruction import estimate, extract_matches, predict_poses, summarise
 from asfm.recorder import NullRecorder
 from asfm.sequence import Sequence
 from asfm.stages import StageClock
@@ -87,7 +87,7 @@ def measure_sequence(path: Path, modes: Rows[str], settings: tuple[str, ...], bo
         poses = None if predicted is None else predicted.world_from_sonar
         found = [(keypoints, matches) for other, keypoints, matches in passed if _same(poses, other)]
         if not found:
-            found = [extract(sequence, config, NullRecorder(), StageClock())]
+            found = [extract_matches(sequence, config, NullRecorder(), StageClock())]
             passed.append((poses, *found[0]))
         try:
             yield _measure_run(path.name, mode, sequence, read_truth, *found[0], config, bound)
@@ -111,8 +111,8 @@ def _measure_run(
 ) -> Accuracy:
     """Do what the pipeline does after its front-end, and hold it against the truth."""
     clock, begin_s = StageClock(), time.perf_counter()
-    solved, solution, told = solve(sequence, keypoints, candidates, config, clock)
-    result = conclude(solved, solution, config, clock, told)
+    solved, solution, told = estimate(sequence, keypoints, candidates, config, clock)
+    result = summarise(solved, solution, config, clock, told)
     wall_s = time.perf_counter() - begin_s
     truth = true_poses(sequence)
     poses = result.trajectory.world_from_vehicle

@@ -12,7 +12,7 @@ from asfm.frontend.features.detectors import DETECTORS, Picture
 from asfm.frontend.features.keypoints import warp_image
 from asfm.frontend.matching.nearest import match_keypoints
 from asfm.geometry.poses import interpolate, invert
-from asfm.pipeline.reconstruction import extract
+from asfm.pipeline.reconstruction import extract_matches
 from asfm.recorder import NullRecorder
 from asfm.sequence import Sequence
 from asfm.stages import StageClock
@@ -26,7 +26,7 @@ class Passage:
     keypoints: list[Keypoints]
     candidates: list[Matches]
     frame_s: float
-    """Of everything that ``extract`` does once frames are read, over their number."""
+    """Of everything that ``extract_matches`` does once frames are read, over their number."""
     akaze_s: float
     """Median of A-KAZE alone on the same pictures, without a mask."""
 
@@ -89,7 +89,7 @@ def pass_frontend(sequence: Sequence, config: Config, clock: Callable[[], float]
         asked_s[index] = clock()
         return frames[index]
 
-    keypoints, candidates = extract(replace(sequence, read_frame=read), config, NullRecorder(), StageClock())
+    keypoints, candidates = extract_matches(replace(sequence, read_frame=read), config, NullRecorder(), StageClock())
     frame_s = (clock() - float(asked_s[first])) / (len(frames) - first)
     return Passage(keypoints, candidates, frame_s, float(np.median(alone_s)))
 
