@@ -212,7 +212,7 @@ def test_the_table_judges_means_and_worst_cases() -> None:
     assert (told.reached, told.ok) == (0.5, False)
     assert numbers["sonar, ATE / path, mean of 2"].reached == pytest.approx(0.25)
     assert "failed: ValueError: no" in accuracy.describe_accuracy(runs[-1][1])
-    both = table.Number("NEES", 1.5, at_least=0.5, at_most=1.2)
+    both = table.Requirement("NEES", 1.5, at_least=0.5, at_most=1.2)
     assert both.ok is False and both.cells()[1] == "0.5 to 1.2"
 
 
@@ -222,18 +222,18 @@ def test_cases_differ_by_name_and_the_narrow_ones_by_their_haste() -> None:
     usual = sequences.Case("seafloor", "didson", 1, 13, "transect")
     narrow = sequences.list_narrow_cases(2, 13)
     others = [usual, replace(usual, seed=2), replace(usual, frames=8), replace(usual, motion="")]
-    assert len({case.name for case in (*narrow, *others)}) == 2 * len(sequences.HASTES) + 4
-    slow_m = sequences._hurry(usual).world_from_vehicle[:, :3, 3]
+    assert len({case.name for case in (*narrow, *others)}) == 2 * len(sequences.SPEED_FACTORS) + 4
+    slow_m = sequences._speed_up(usual).world_from_vehicle[:, :3, 3]
     for case in narrow[1::2]:
-        fast_m = sequences._hurry(case).world_from_vehicle[:, :3, 3]
-        np.testing.assert_allclose(fast_m[1] - fast_m[0], slow_m[int(case.haste)] - slow_m[0], atol=1e-6)
+        fast_m = sequences._speed_up(case).world_from_vehicle[:, :3, 3]
+        np.testing.assert_allclose(fast_m[1] - fast_m[0], slow_m[int(case.speed_factor)] - slow_m[0], atol=1e-6)
 
 
 def test_every_line_is_printed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One scene before one sonar, in all modes; the narrow one; and what goes wrong."""
-    monkeypatch.setattr(load("tools.benchmark.simulated_cases"), "HASTES", (4.0,))
+    monkeypatch.setattr(load("tools.benchmark.simulated_cases"), "SPEED_FACTORS", (4.0,))
     main = load("tools.benchmark.__main__").main
     few = ["--frames", "5", "--seeds", "1", "--cache", str(tmp_path), "--set", "backend.rounds=1"]
     command = ["backend", "--scenes", "tank", "--sonars", "didson", *few]

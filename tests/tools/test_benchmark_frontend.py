@@ -31,7 +31,7 @@ def load(name: str) -> ModuleType:
 
 
 def test_a_number_knows_whether_it_is_reached(tools: None) -> None:
-    make = load("tools.benchmark.frontend").Number
+    make = load("tools.benchmark.frontend").Requirement
     assert make("a", 1.5, at_most=1.5).ok and not make("a", 1.6, at_most=1.5).ok
     assert make("a", 0.97, at_least=0.97).ok and not make("a", 0.96, at_least=0.97).ok
     assert make("a", None, at_most=1.0).ok is False, "what was not measured is not reached"
@@ -43,7 +43,7 @@ def test_a_number_knows_whether_it_is_reached(tools: None) -> None:
 def test_the_clock_runs_while_the_front_end_works(tools: None, tank: Path) -> None:
     """By a clock that ticks once a look, a frame and A-KAZE alone take one tick each."""
     ticks = iter(range(1000))
-    passage = load("tools.benchmark.frontend_pass").pass_frontend(
+    passage = load("tools.benchmark.frontend_pass").run_frontend(
         open_sequence(tank), Config(), lambda: float(next(ticks))
     )
     assert (passage.frame_s, passage.akaze_s) == (1.0, 1.0)
@@ -55,7 +55,7 @@ def test_matches_are_judged_by_the_truth(tools: None, tank: Path, monkeypatch: p
     module, sequence, config = load("tools.benchmark.frontend_pass"), open_sequence(tank), Config()
     read_truth = open_truth(tank)
     assert read_truth is not None
-    passage = module.pass_frontend(sequence, config, lambda: 0.0)
+    passage = module.run_frontend(sequence, config, lambda: 0.0)
     judged = module.judge_by_truth(passage, sequence, read_truth, 1, config)
     assert 0 < judged.right <= judged.matches == sum(map(len, passage.pairs(1)))
     assert judged.precision > 0.5 and judged.kept == judged.right / judged.ratio_test_right
@@ -80,7 +80,7 @@ def test_matches_are_judged_by_the_truth(tools: None, tank: Path, monkeypatch: p
 
 def test_nothing_matched_is_nothing_reached(tools: None, tank: Path) -> None:
     module, sequence = load("tools.benchmark.frontend_pass"), open_sequence(tank)
-    passage = module.Passage([], [], 1.0, 1.0)
+    passage = module.FrontendPass([], [], 1.0, 1.0)
     assert module.judge_by_arcs(passage, sequence, 1, Config()) == (None, None)
     judged = module.judge_by_truth(passage, sequence, open_truth(tank), 1, Config())
     assert (judged.precision, judged.kept, judged.spread(0)) == (None, None, (None, None))

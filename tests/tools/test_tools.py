@@ -36,9 +36,9 @@ def test_the_benchmark_parses_its_commands(benchmark: ModuleType) -> None:
     run = parse(["run", "sequence", "--set", "seed=1", "--set", "backend.rounds=1"])
     assert (run.sequence, run.settings, run.recording) == (Path("sequence"), ["seed=1", "backend.rounds=1"], False)
     assert parse(["run", "sequence"]).settings == []
-    assert parse(["reach", "data", "--recording"]).recording
+    assert parse(["public", "data", "--recording"]).recording
     assert parse(["all", "--shape", "30", "20"]).shape == [30, 20]
-    for wrong in ([], ["run"], ["reach"], ["sift"]):
+    for wrong in ([], ["run"], ["public"], ["sift"]):
         with pytest.raises(SystemExit):
             parse(wrong)
 
@@ -66,7 +66,7 @@ def test_a_run_is_measured_in_a_child(
 
     runs = importlib.import_module("tools.benchmark.runs")
     monkeypatch.setattr(runs, "REACH", (("gone", "gone", ()),))
-    assert benchmark.main(["reach", str(tmp_path)]) == 1
+    assert benchmark.main(["public", str(tmp_path)]) == 1
     assert "failed" in capsys.readouterr().out
     assert benchmark.main(["run", str(tmp_path / "gone")]) == 1
     assert "gone: expected a sequence" in capsys.readouterr().err

@@ -10,7 +10,7 @@ it reaches: its stages, the time of a frame over that of A-KAZE alone, and the m
 recordings with true poses where their folder is given): means, worst cases, covariances against the truth.
 ``python -m tools.benchmark backend-speed`` times its adjustment against factors in Python, and over a long sequence.
 ``python -m tools.benchmark run SEQUENCE [--set SECTION.KEY=VALUE]...`` measures one ``asfm run`` in a child process.
-``python -m tools.benchmark reach DATA_FOLDER`` measures the public recordings one after the other, in one table.
+``python -m tools.benchmark public DATA_FOLDER`` measures the public recordings one after the other, in one table.
 """
 
 import argparse
@@ -28,11 +28,11 @@ from asfm.errors import AsfmError
 from tools.benchmark.accuracy import MODES, describe_accuracy
 from tools.benchmark.backend import list_backend_numbers, list_tasks, measure_tasks
 from tools.benchmark.false_alarm_rates import list_rates
-from tools.benchmark.frontend import SEQUENCES, Number, list_numbers, tabulate
+from tools.benchmark.frontend import SEQUENCES, Requirement, list_numbers, tabulate
 from tools.benchmark.kernels import COMPARISONS, Comparison, choose_comparisons, time_in_turns
 from tools.benchmark.long_sequence import BATCH_FRAMES, BATCH_OBSERVATIONS, list_batch_numbers
 from tools.benchmark.native_factors import compare_factors
-from tools.benchmark.runs import RunFailed, describe_run, measure_run, tabulate_reach
+from tools.benchmark.runs import RunFailed, describe_run, measure_run, tabulate_public
 from tools.benchmark.simulated_cases import SEEN, SONARS, list_cases, list_narrow_cases
 
 CLOCKS: dict[str, Callable[[], float]] = {"wall": time.perf_counter, "processor": time.process_time}
@@ -62,8 +62,8 @@ def main(arguments: list[str] | None = None) -> int:
         for line in list_rates(options.data, options.images):
             print(line, flush=True)
         return 0
-    if options.what == "reach":
-        lines, all_ran = tabulate_reach(options.data, options.recording)
+    if options.what == "public":
+        lines, all_ran = tabulate_public(options.data, options.recording)
         print("\n".join(lines))
         return 0 if all_ran else 1
     if options.what == "backend":
@@ -102,7 +102,7 @@ def make_parser() -> argparse.ArgumentParser:
     rates = commands.add_parser("rates", help="false-alarm rates over the asked ones, on noise and in empty water")
     rates.add_argument("data", type=Path, nargs="?", metavar="DATA_FOLDER")
     rates.add_argument("--images", type=int, default=8, help="512 x 512 images of noise; 8 give 2,000 alarms at 1e-3")
-    reach = commands.add_parser("reach", help="measure the public runs, in one table")
+    reach = commands.add_parser("public", help="measure the public runs, in one table")
     reach.add_argument("data", type=Path, metavar="DATA_FOLDER")
     for command in (run, frontend, backend):
         command.add_argument("--set", dest="settings", action="append", default=[], metavar="SECTION.KEY=VALUE")
@@ -151,7 +151,7 @@ def _report_backend(options: argparse.Namespace) -> int:
     return _show_table(list(list_backend_numbers(runs)))
 
 
-def _show_table(numbers: Sequence[Number]) -> int:
+def _show_table(numbers: Sequence[Requirement]) -> int:
     print("\n".join(tabulate(numbers)))
     return 1 if any(number.ok is False for number in numbers) else 0
 

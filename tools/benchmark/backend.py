@@ -16,7 +16,7 @@ from scipy.stats import chi2
 
 from asfm.evaluation.covariance_consistency import pool_landmarks
 from tools.benchmark.accuracy import MODES, Accuracy, measure_sequence
-from tools.benchmark.frontend import Number
+from tools.benchmark.frontend import Requirement
 from tools.benchmark.simulated_cases import Case, provide_sequence
 
 RATIO = {"navigation": 0.35, "odometry": 0.80}
@@ -44,7 +44,7 @@ class Task:
     @property
     def narrow(self) -> bool:
         """Whether the frames overlap too little for the sonar alone."""
-        return isinstance(self.sequence, Case) and self.sequence.haste != 1
+        return isinstance(self.sequence, Case) and self.sequence.speed_factor != 1
 
 
 def list_tasks(
@@ -91,10 +91,10 @@ def _measure_all(task: Task, cache: Path, settings: tuple[str, ...], bound: bool
     return list(_measure(task, cache, settings, bound))
 
 
-def list_backend_numbers(runs: Sequence[tuple[Task, Accuracy]]) -> Iterator[Number]:
+def list_backend_numbers(runs: Sequence[tuple[Task, Accuracy]]) -> Iterator[Requirement]:
     """Set what the runs reach beside what is asked of them: means over the runs, and the worst of them by name."""
-    yield Number("runs", float(len(runs)))
-    yield Number("runs that failed", float(sum(1 for _, run in runs if run.failure)), at_most=0)
+    yield Requirement("runs", float(len(runs)))
+    yield Requirement("runs that failed", float(sum(1 for _, run in runs if run.failure)), at_most=0)
     whole = [(task, run) for task, run in runs if not run.failure]
     for mode in MODES:
         simulated = [
@@ -109,10 +109,10 @@ def list_backend_numbers(runs: Sequence[tuple[Task, Accuracy]]) -> Iterator[Numb
     yield from _sum_up("narrow sonar alone, ATE / path", narrow, lambda run: run.path_share)
     for _, run in whole:
         if run.name in RECORDINGS:
-            yield Number(f"{run.name}, sonar alone, ATE", run.ate_m, "m", at_most=RECORDINGS[run.name])
+            yield Requirement(f"{run.name}, sonar alone, ATE", run.ate_m, "m", at_most=RECORDINGS[run.name])
 
 
-def _list_errors(mode: str, runs: Sequence[Accuracy]) -> Iterator[Number]:
+def _list_errors(mode: str, runs: Sequence[Accuracy]) -> Iterator[Requirement]:
     worst = WORST_RATIO if mode in RATIO else None
     yield from _sum_up(f"{mode}, ATE / odometry", runs, lambda run: run.ratio, RATIO.get(mode), worst)
     yield from _sum_up(f"{mode}, ATE / bound", runs, lambda run: run.over_bound, OVER_BOUND.get(mode))
@@ -120,7 +120,7 @@ def _list_errors(mode: str, runs: Sequence[Accuracy]) -> Iterator[Number]:
         yield from _sum_up(f"{mode}, ATE / path", runs, lambda run: run.path_share, PATH_SHARE[mode])
 
 
-def _list_nees(mode: str, runs: Sequence[Accuracy]) -> Iterator[Number]:
+def _list_nees(mode: str, runs: Sequence[Accuracy]) -> Iterator[Requirement]:
     """Judge the covariances with navigation, and show what the others are worth."""
     low, high = nees_interval(max(sum(run.nees is not None for run in runs), 1)) if mode in JUDGED else (None, None)
     title = f"{mode}, NEES a degree of freedom"
@@ -135,28 +135,28 @@ def nees_interval(runs: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _list_landmarks(mode: str, runs: Sequence[Accuracy]) -> Iterator[Number]:
+def _list_landmarks(mode: str, runs: Sequence[Accuracy]) -> Iterator[Requirement]:
     """Judge the landmarks of all runs together, and name the run whose own are worst."""
     found = {run.name: run.landmarks for run in runs if run.landmarks is not None}
     if not found:
         return
     title, pooled = f"{mode}, well-constrained landmarks", pool_landmarks(found.values())
-    yield Number(f"{title}, share of all tracks", pooled.share, at_least=WELL_CONSTRAINED)
+    yield Requirement(f"{title}, share of all tracks", pooled.share, at_least=WELL_CONSTRAINED)
     yield from _name_worst(f"{title}, share of all tracks", {name: one.share for name, one in found.items()}, min)
-    yield Number(f"{title}, share within 3 sigmas, of {len(pooled.error_m)}", pooled.near, at_least=NEAR)
+    yield Requirement(f"{title}, share within 3 sigmas, of {len(pooled.error_m)}", pooled.near, at_least=NEAR)
     yield from _name_worst(f"{title}, share within 3 sigmas", {name: one.near for name, one in found.items()}, min)
-    yield Number(f"{title}, median error", pooled.median_m, "m", at_most=LANDMARK_M)
+    yield Requirement(f"{title}, median error", pooled.median_m, "m", at_most=LANDMARK_M)
     errors_m = {name: one.median_m for name, one in found.items()}
     yield from _name_worst(f"{title}, median error", errors_m, max, unit="m")
 
 
-def _list_recognised(runs: Sequence[Accuracy]) -> Iterator[Number]:
+def _list_recognised(runs: Sequence[Accuracy]) -> Iterator[Requirement]:
     """Count who says that it is not to be trusted, of the runs that are lost and of the others."""
     for title, lost in ((f"ATE above {100 * LOST:.0f} % of the path", True), ("the others", False)):
         told = [run.distrusted for run in runs if (run.path_share > LOST) == lost]
         if told:
             share, asked = sum(told) / len(told), 1.0 if lost else None
-            yield Number(f"sonar alone, {title}: share that says so, of {len(told)}", share, at_least=asked)
+            yield Requirement(f"sonar alone, {title}: share that says so, of {len(told)}", share, at_least=asked)
 
 
 def _sum_up(
@@ -166,13 +166,13 @@ def _sum_up(
     at_most: float | None = None,
     worst_at_most: float | None = None,
     at_least: float | None = None,
-) -> Iterator[Number]:
+) -> Iterator[Requirement]:
     """Give the mean of what is known of the runs, and the worst; nothing where nothing is known and nothing asked."""
     found = {run.name: pick(run) for run in runs}
     values = [value for value in found.values() if value is not None]
     if values or at_most is not None:
         mean = float(np.mean(values)) if values else None
-        yield Number(f"{title}, mean of {len(values)}", mean, "", at_most, at_least)
+        yield Requirement(f"{title}, mean of {len(values)}", mean, "", at_most, at_least)
     yield from _name_worst(title, found, max, worst_at_most)
 
 
@@ -182,9 +182,9 @@ def _name_worst(
     worst: Callable[..., str],
     at_most: float | None = None,
     unit: str = "",
-) -> Iterator[Number]:
+) -> Iterator[Requirement]:
     """Give the worst of the known values, with the run's name."""
     values = {name: value for name, value in found.items() if value is not None}
     if values:
         name = worst(values, key=lambda name: values[name])
-        yield Number(f"{title}, worst: {name}", values[name], unit, at_most)
+        yield Requirement(f"{title}, worst: {name}", values[name], unit, at_most)

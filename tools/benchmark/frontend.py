@@ -9,7 +9,7 @@ import numpy as np
 from asfm.commands.text import align
 from asfm.config import Config
 from asfm.datasets import open_sequence, open_truth
-from tools.benchmark.frontend_pass import judge_by_arcs, judge_by_truth, pass_frontend
+from tools.benchmark.frontend_pass import judge_by_arcs, judge_by_truth, run_frontend
 from tools.benchmark.kernels import COMPARISONS, time_in_turns
 
 SHAPE = (512, 512)
@@ -25,7 +25,7 @@ SEQUENCES = ("simulated_seafloor", "oculus_tank_b")
 
 
 @dataclass(frozen=True)
-class Number:
+class Requirement:
     """One number of the table."""
 
     what: str
@@ -58,14 +58,14 @@ class Number:
         return self.what, asked, reached, self.unit, {None: "", True: "yes", False: "NO"}[self.ok]
 
 
-def tabulate(numbers: Sequence[Number]) -> list[str]:
+def tabulate(numbers: Sequence[Requirement]) -> list[str]:
     """Make the lines of the table."""
     return align([("what", "asked", "reached", "", "ok"), *(number.cells() for number in numbers)], numbers=(1, 2))
 
 
 def list_numbers(
     data: Path | None, names: Sequence[str], config: Config, rounds: int, clock: Callable[[], float]
-) -> Iterator[Number]:
+) -> Iterator[Requirement]:
     """Measure the stages, then the sequences where their folder is given.
 
     Raises:
@@ -76,7 +76,7 @@ def list_numbers(
         yield from _measure_sequence((data or Path()) / name, config, clock)
 
 
-def _measure_stages(rounds: int, clock: Callable[[], float]) -> Iterator[Number]:
+def _measure_stages(rounds: int, clock: Callable[[], float]) -> Iterator[Requirement]:
     for name, limit_ms in CFAR_MS.items():
         yield from _time_stage(name, f"CFAR {(name.partition('-')[2] or 'ca').upper()}", limit_ms, rounds, clock)
     yield from _time_stage("clusters", "DBSCAN", None, rounds, clock, DBSCAN_RATIO)
@@ -84,7 +84,7 @@ def _measure_stages(rounds: int, clock: Callable[[], float]) -> Iterator[Number]
     comparison = COMPARISONS["ssl"](SHAPE, 0)
     (peer,) = comparison.peers.values()
     difference = float(np.abs(comparison.ours() - peer()).max())
-    yield Number("SSL, largest difference", difference, "", at_most=SSL_DIFFERENCE)
+    yield Requirement("SSL, largest difference", difference, "", at_most=SSL_DIFFERENCE)
 
 
 def _time_stage(
@@ -94,35 +94,35 @@ def _time_stage(
     rounds: int,
     clock: Callable[[], float],
     ratio: float | None = None,
-) -> Iterator[Number]:
+) -> Iterator[Requirement]:
     comparison = COMPARISONS[name](SHAPE, 0)
     ((peer, run),) = comparison.peers.items()
     medians = time_in_turns({"asfm": comparison.ours, "peer": run}, rounds, clock)
-    yield Number(title, 1e3 * medians["asfm"], "ms", at_most=limit_ms)
-    yield Number(f"{title}, faster than {peer}", medians["peer"] / medians["asfm"], "times", at_least=ratio)
+    yield Requirement(title, 1e3 * medians["asfm"], "ms", at_most=limit_ms)
+    yield Requirement(f"{title}, faster than {peer}", medians["peer"] / medians["asfm"], "times", at_least=ratio)
 
 
-def _measure_sequence(path: Path, config: Config, clock: Callable[[], float]) -> Iterator[Number]:
+def _measure_sequence(path: Path, config: Config, clock: Callable[[], float]) -> Iterator[Requirement]:
     """Measure one sequence: the time of a frame, and the matches by whatever truth there is."""
     sequence, read_truth = open_sequence(path), open_truth(path)
-    passage = pass_frontend(sequence, config, clock)
+    passage = run_frontend(sequence, config, clock)
     title = path.name
-    yield Number(f"{title}, front-end of a frame", 1e3 * passage.frame_s, "ms")
-    yield Number(f"{title}, A-KAZE alone", 1e3 * passage.akaze_s, "ms")
+    yield Requirement(f"{title}, front-end of a frame", 1e3 * passage.frame_s, "ms")
+    yield Requirement(f"{title}, A-KAZE alone", 1e3 * passage.akaze_s, "ms")
     ratio = passage.frame_s / passage.akaze_s if passage.akaze_s > 0 else None
-    yield Number(f"{title}, front-end over A-KAZE", ratio, "times", at_most=FRAME_RATIO)
+    yield Requirement(f"{title}, front-end over A-KAZE", ratio, "times", at_most=FRAME_RATIO)
     for gap in PRECISION if sequence.groundtruth is not None else ():
         where = f"{title}, gap {gap}"
         if read_truth is None:
             share, of_ratio_test = judge_by_arcs(passage, sequence, gap, config)
-            yield Number(f"{where}, share on the arc after the ratio test", of_ratio_test)
-            yield Number(f"{where}, share on the arc", share, at_least=ARC_SHARE[gap])
+            yield Requirement(f"{where}, share on the arc after the ratio test", of_ratio_test)
+            yield Requirement(f"{where}, share on the arc", share, at_least=ARC_SHARE[gap])
             continue
         judged = judge_by_truth(passage, sequence, read_truth, gap, config)
-        yield Number(f"{where}, precision after the ratio test", judged.ratio_test_precision)
-        yield Number(f"{where}, precision", judged.precision, at_least=PRECISION[gap])
-        yield Number(f"{where}, share of right matches kept", judged.kept, at_least=KEPT)
+        yield Requirement(f"{where}, precision after the ratio test", judged.ratio_test_precision)
+        yield Requirement(f"{where}, precision", judged.precision, at_least=PRECISION[gap])
+        yield Requirement(f"{where}, share of right matches kept", judged.kept, at_least=KEPT)
         for axis, (unit, limit) in enumerate(STD.items()):
             std, mean = judged.spread(axis)
-            yield Number(f"{where}, position, standard deviation", std, unit, at_most=limit)
-            yield Number(f"{where}, position, absolute mean", mean, unit, at_most=ABSOLUTE_MEAN)
+            yield Requirement(f"{where}, position, standard deviation", std, unit, at_most=limit)
+            yield Requirement(f"{where}, position, absolute mean", mean, unit, at_most=ABSOLUTE_MEAN)

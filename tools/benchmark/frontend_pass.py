@@ -20,7 +20,7 @@ from asfm.types import BoolArray, FloatArray, Frame, FrameTruth, Keypoints, Matc
 
 
 @dataclass(frozen=True)
-class Passage:
+class FrontendPass:
     """What the front-end made of a sequence, and what a frame took."""
 
     keypoints: list[Keypoints]
@@ -68,7 +68,7 @@ class Judged:
         return float(self.error[:, axis].std()), float(abs(self.error[:, axis].mean()))
 
 
-def pass_frontend(sequence: Sequence, config: Config, clock: Callable[[], float]) -> Passage:
+def run_frontend(sequence: Sequence, config: Config, clock: Callable[[], float]) -> FrontendPass:
     """Time A-KAZE alone on every frame, then let the pipeline extract keypoints and matches from all of them.
 
     The frames lie in memory. What a frame takes is the time from the first frame that has ``max_gap`` frames before it
@@ -91,7 +91,7 @@ def pass_frontend(sequence: Sequence, config: Config, clock: Callable[[], float]
 
     keypoints, candidates = extract_matches(replace(sequence, read_frame=read), config, NullRecorder(), StageClock())
     frame_s = (clock() - float(asked_s[first])) / (len(frames) - first)
-    return Passage(keypoints, candidates, frame_s, float(np.median(alone_s)))
+    return FrontendPass(keypoints, candidates, frame_s, float(np.median(alone_s)))
 
 
 def _time(clock: Callable[[], float], detect: Callable[[Picture, None], object], picture: Picture) -> float:
@@ -101,7 +101,7 @@ def _time(clock: Callable[[], float], detect: Callable[[Picture, None], object],
 
 
 def judge_by_truth(
-    passage: Passage, sequence: Sequence, read_truth: Callable[[int], FrameTruth], gap: int, config: Config
+    passage: FrontendPass, sequence: Sequence, read_truth: Callable[[int], FrameTruth], gap: int, config: Config
 ) -> Judged:
     """Compare the matches over one gap with where a simulation's points truly are."""
     world_from_sonar = _true_poses(sequence)
@@ -120,7 +120,9 @@ def judge_by_truth(
     return Judged(count, right_count, proposed_count, right_proposed_count, np.concatenate(errors))
 
 
-def judge_by_arcs(passage: Passage, sequence: Sequence, gap: int, config: Config) -> tuple[float | None, float | None]:
+def judge_by_arcs(
+    passage: FrontendPass, sequence: Sequence, gap: int, config: Config
+) -> tuple[float | None, float | None]:
     """Give the share of matches on their elevation arc under the true poses: after all filters, and the ratio test."""
     world_from_sonar = _true_poses(sequence)
     fits: tuple[list[BoolArray], list[BoolArray]] = [], []
@@ -142,7 +144,7 @@ def seen_places(keypoints_b: Keypoints, matches: Matches) -> FloatArray:
     return np.stack([keypoints_b.range_m[of_b], keypoints_b.bearing_rad[of_b]], axis=1)
 
 
-def _after_ratio_test(matches: Matches, passage: Passage, config: Config) -> Matches:
+def _after_ratio_test(matches: Matches, passage: FrontendPass, config: Config) -> Matches:
     """Match the same two frames by descriptors alone."""
     a, b = passage.keypoints[matches.frame_a], passage.keypoints[matches.frame_b]
     return Matches(matches.frame_a, matches.frame_b, *match_keypoints(a, b, config.matching))

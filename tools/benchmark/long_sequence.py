@@ -15,7 +15,7 @@ from asfm.evaluation.pose_error_table import evaluate_sequence
 from asfm.simulation.track_simulation import make_floor
 from asfm.stages import peak_memory_mb
 from asfm.types import Trajectory
-from tools.benchmark.frontend import Number
+from tools.benchmark.frontend import Requirement
 from tools.benchmark.runs import ATE
 
 BATCH_S, BATCH_MB = 120.0, 3000.0
@@ -57,15 +57,15 @@ def measure_batch(
     return Batch(len(floor.tracks), tuple(rounds_s), landmarks_s, peak_memory_mb(), ratio)
 
 
-def list_batch_numbers(frames: int = BATCH_FRAMES, observations: int = BATCH_OBSERVATIONS) -> Iterator[Number]:
+def list_batch_numbers(frames: int = BATCH_FRAMES, observations: int = BATCH_OBSERVATIONS) -> Iterator[Requirement]:
     """Measure a long sequence in a process of its own, whose memory is nobody else's."""
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         batch = pool.submit(measure_batch, frames, observations).result()
     title = f"{frames:,} frames"
-    yield Number(f"{title}, observations of a frame", batch.observations / frames)
+    yield Requirement(f"{title}, observations of a frame", batch.observations / frames)
     for number, wall_s in enumerate(batch.rounds_s, start=1):
-        yield Number(f"{title}, round {number}", wall_s, "s")
-    yield Number(f"{title}, landmarks", batch.landmarks_s, "s")
-    yield Number(f"{title}, in all", sum(batch.rounds_s) + batch.landmarks_s, "s", at_most=BATCH_S)
-    yield Number(f"{title}, peak memory", batch.peak_mb, "MB", at_most=BATCH_MB)
-    yield Number(f"{title}, ATE / odometry", batch.ratio)
+        yield Requirement(f"{title}, round {number}", wall_s, "s")
+    yield Requirement(f"{title}, landmarks", batch.landmarks_s, "s")
+    yield Requirement(f"{title}, in all", sum(batch.rounds_s) + batch.landmarks_s, "s", at_most=BATCH_S)
+    yield Requirement(f"{title}, peak memory", batch.peak_mb, "MB", at_most=BATCH_MB)
+    yield Requirement(f"{title}, ATE / odometry", batch.ratio)

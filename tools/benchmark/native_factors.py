@@ -21,7 +21,7 @@ from asfm.backend.initialisation.initial_poses import InitialPoses, initialise_f
 from asfm.config import Config
 from asfm.simulation.track_simulation import Floor, make_floor
 from asfm.types import FloatArray
-from tools.benchmark.frontend import Number
+from tools.benchmark.frontend import Requirement
 
 FASTER, SAME_M = 20.0, 1e-4
 SMALL_FRAMES, SMALL_POINTS = 20, 100
@@ -34,7 +34,7 @@ Factor = Callable[[int, int, float, float], Any]
 """(pose's key, point's key, measured value, sigma) -> factor."""
 
 
-def compare_factors(frames: int = SMALL_FRAMES, points: int = SMALL_POINTS) -> Iterator[Number]:
+def compare_factors(frames: int = SMALL_FRAMES, points: int = SMALL_POINTS) -> Iterator[Requirement]:
     """Solve the same graph from the same start by native factors and by factors in Python."""
     floor = make_floor(frames, points, (max(frames // 2, 3), frames), "sway", 2.0, navigation=False)
     start = initialise_from_odometry(floor.sequence, Config())
@@ -47,14 +47,16 @@ def compare_factors(frames: int = SMALL_FRAMES, points: int = SMALL_POINTS) -> I
     python_s, expected = _time_graph(floor, start, (make_bearing_factor, make_range_factor))
     native_s, poses = _time_graph(floor, start, native)
     ours_s, ours = _time_adjustment(floor, start)
-    yield Number("observations of the small graph", float(len(floor.tracks)))
-    yield Number("factors in Python", python_s, "s")
-    yield Number("native factors", native_s, "s")
-    yield Number("native factors, faster", python_s / native_s, "times", at_least=FASTER)
-    yield Number("native factors, farthest pose from that optimum", _farthest(poses, expected), "m", at_most=SAME_M)
-    yield Number("adjust_bundle as a whole", ours_s, "s")
-    yield Number("adjust_bundle as a whole, faster", python_s / ours_s, "times")
-    yield Number("adjust_bundle as a whole, farthest pose from that optimum", _farthest(ours, expected), "m")
+    yield Requirement("observations of the small graph", float(len(floor.tracks)))
+    yield Requirement("factors in Python", python_s, "s")
+    yield Requirement("native factors", native_s, "s")
+    yield Requirement("native factors, faster", python_s / native_s, "times", at_least=FASTER)
+    yield Requirement(
+        "native factors, farthest pose from that optimum", _farthest(poses, expected), "m", at_most=SAME_M
+    )
+    yield Requirement("adjust_bundle as a whole", ours_s, "s")
+    yield Requirement("adjust_bundle as a whole, faster", python_s / ours_s, "times")
+    yield Requirement("adjust_bundle as a whole, farthest pose from that optimum", _farthest(ours, expected), "m")
 
 
 def _time_graph(floor: Floor, start: InitialPoses, factors: tuple[Factor, Factor]) -> tuple[float, FloatArray]:

@@ -127,7 +127,7 @@ def describe_run(run: RunMeasure) -> list[str]:
     return [*lines, "", *align(table, numbers=(1, 2)), *(f"warning: {warning}" for warning in run.warnings)]
 
 
-def tabulate_reach(data: Path, recording: bool = False) -> tuple[list[str], bool]:
+def tabulate_public(data: Path, recording: bool = False) -> tuple[list[str], bool]:
     """Measure the public rows one after the other; gives the table's lines and whether all of them ran."""
     table = [("run", "frames", "ATE m", "ratio or path", "wall s", "peak MB", "warnings")]
     failures = []

@@ -17,7 +17,7 @@ SONARS = ("oculus_m750d_high", "oculus_m750d_low")
 """70 and 130 degrees of beams."""
 NARROW, NARROW_MOTION = ("seafloor", "didson"), "transect"
 """Scene, sonar and motion of the runs whose frames overlap too little: 96 beams over 29 degrees, swaying sideways."""
-HASTES = (4.0, 8.0, 12.0)
+SPEED_FACTORS = (4.0, 8.0, 12.0)
 """How many times as fast as usual that goes: the first is followed well, the second partly, the third is lost. On the
 spot, a lost run would look good: a sway goes a long way and never far."""
 
@@ -32,15 +32,15 @@ class Case:
     frames: int
     motion: str = ""
     """The scene's usual one without a name."""
-    haste: float = 1.0
+    speed_factor: float = 1.0
     """How many times as fast as the motion usually is."""
 
     @property
     def name(self) -> str:
         """Name of the sequence's folder; different cases have different ones."""
         motion = f"-{self.motion}" if self.motion else ""
-        haste = "" if self.haste == 1 else f"-{self.haste:g}x"
-        return f"{self.scene}-{self.sonar}{motion}{haste}-{self.frames}f-seed{self.seed}"
+        speed_factor = "" if self.speed_factor == 1 else f"-{self.speed_factor:g}x"
+        return f"{self.scene}-{self.sonar}{motion}{speed_factor}-{self.frames}f-seed{self.seed}"
 
 
 def list_cases(scenes: Iterable[str], sonars: Iterable[str], seeds: int, frames: int) -> list[Case]:
@@ -51,7 +51,11 @@ def list_cases(scenes: Iterable[str], sonars: Iterable[str], seeds: int, frames:
 
 def list_narrow_cases(seeds: int, frames: int) -> list[Case]:
     """List the narrow sonar at each of its hastes with each of the seeds 0..seeds-1."""
-    return [Case(*NARROW, seed, frames, NARROW_MOTION, haste) for haste in HASTES for seed in range(seeds)]
+    return [
+        Case(*NARROW, seed, frames, NARROW_MOTION, speed_factor)
+        for speed_factor in SPEED_FACTORS
+        for seed in range(seeds)
+    ]
 
 
 def provide_sequence(case: Case, cache: Path) -> Path:
@@ -64,17 +68,19 @@ def provide_sequence(case: Case, cache: Path) -> Path:
     """
     folder = cache / case.name
     if not folder.exists():
-        path = (case.motion or None) if case.haste == 1 else _hurry(case)
+        path = (case.motion or None) if case.speed_factor == 1 else _speed_up(case)
         simulated = simulate(case.scene, case.sonar, case.frames, case.seed, path)
         cache.mkdir(parents=True, exist_ok=True)
         write_native(folder, simulated.sequence, truth=simulated.read_truth)
     return folder
 
 
-def _hurry(case: Case) -> Trajectory:
+def _speed_up(case: Case) -> Trajectory:
     """Take the motion several times as fast."""
     sonar, recipe = find_sonar(case.sonar).sonar, SCENES[case.scene]
     stamps_s = np.arange(case.frames) / sonar.rate_hz
     view = recipe.look(sonar.range_max)
-    poses = find_motion(case.motion or recipe.motion)(view, case.haste * stamps_s, np.random.default_rng(case.seed))
+    poses = find_motion(case.motion or recipe.motion)(
+        view, case.speed_factor * stamps_s, np.random.default_rng(case.seed)
+    )
     return Trajectory(stamps_s, poses)
