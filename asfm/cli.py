@@ -9,12 +9,15 @@ import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
 from asfm import __version__
 from asfm.errors import AsfmError
+
+if TYPE_CHECKING:
+    from asfm.diagnostics import Diagnostic
 
 DONE, DEFECT, AT_FAULT, INTERRUPTED, CLOSED_PIPE = 0, 1, 2, 130, 141
 
@@ -101,7 +104,7 @@ def run(
     with _show_progress() as progress:
         summary = run_sequence(sequence, output, resolved, rerun, overwrite, progress, given)
     _say(describe_results(summary))
-    _warn(summary.warnings)
+    _warn(summary.diagnostics)
 
 
 @app.command()
@@ -164,7 +167,7 @@ def simulate(
     typer.echo(
         f"{_count(len(simulated), 'frame')} in {output}; reconstruct them with: asfm run {output} --output results"
     )
-    _warn(simulated.warnings)
+    _warn(simulated.diagnostics)
 
 
 @app.command()
@@ -230,7 +233,7 @@ def demo(
     with _show_progress() as progress:
         summary = run_demo(output, frames, progress)
     _say(describe_results(summary))
-    _warn(summary.warnings)
+    _warn(summary.diagnostics)
     typer.echo(f"all errors: asfm evaluate {summary.folder}")
 
 
@@ -249,9 +252,9 @@ def _count(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
-def _warn(warnings: Iterable[str]) -> None:
-    for warning in warnings:
-        typer.secho(f"warning: {warning}", err=True, fg="yellow")
+def _warn(diagnostics: "Iterable[Diagnostic]") -> None:
+    for item in diagnostics:
+        typer.secho(f"{item.severity}: {item}", err=True, fg=None if item.severity == "info" else "yellow")
 
 
 def _complain(message: str, code: int) -> int:

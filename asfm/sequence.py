@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from asfm.diagnostics import Diagnostic
 from asfm.geometry.sonar import SonarModel
 from asfm.types import FloatArray, Frame, HandTracks, Navigation, SensorNoise, Trajectory
 
@@ -30,8 +31,8 @@ class Sequence:
     hand_tracks: HandTracks | None = None
     kind: str = "native"
     """Name of the format it was read from."""
-    warnings: tuple[str, ...] = ()
-    """What the reader noticed and survived, one clear sentence each."""
+    diagnostics: tuple[Diagnostic, ...] = ()
+    """What the reader noticed and worked around."""
 
     def __len__(self) -> int:
         return len(self.timestamps_s)

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from asfm.diagnostics import Diagnostic
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
@@ -222,8 +224,8 @@ class Reconstruction:
     landmarks: Landmarks
     pose_covariance: FloatArray
     """(N, 6, 6) marginal covariance of each pose: rotation in rad and translation in m, in the vehicle's frame."""
-    warnings: tuple[str, ...]
-    """One clear sentence each; empty when all went well."""
+    diagnostics: tuple[Diagnostic, ...]
+    """Empty when all went well."""
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from asfm.datasets import open_sequence
 from asfm.datasets.hloc.features_matches import read_hloc
 from asfm.datasets.hloc.image_names import name_images
 from asfm.datasets.tables import read_tum
+from asfm.diagnostics import Diagnostic
 from asfm.errors import AsfmError
 from asfm.evaluation.pose_error_table import EvaluationTable, evaluate_sequence
 from asfm.recorder import NullRecorder, Recorder
@@ -63,9 +64,9 @@ def run_sequence(
         (folder / "config.yaml").write_text(dump_config(config), encoding="utf-8")
         if evaluation is not None:
             write_report(folder / "evaluation.json", evaluation.as_dict())
-        warnings = tuple(dict.fromkeys((*sequence.warnings, *result.warnings, *remarks)))
+        diagnostics = tuple(dict.fromkeys((*sequence.diagnostics, *result.diagnostics, *remarks)))
         wall_s = time.perf_counter() - begin_s
-        summary = RunSummary(output, path, sequence, result, run.stages, warnings, evaluation, wall_s)
+        summary = RunSummary(output, path, sequence, result, run.stages, diagnostics, evaluation, wall_s)
         write_report(folder / "report.json", describe_run(summary, config))
     return summary
 
@@ -78,11 +79,11 @@ def _make_recorder(path: Path, sequence: Sequence, recording: bool) -> Recorder:
     return RerunRecorder(path, sequence)
 
 
-def _evaluate(sequence: Sequence, estimate: Trajectory) -> tuple[EvaluationTable | None, tuple[str, ...]]:
+def _evaluate(sequence: Sequence, estimate: Trajectory) -> tuple[EvaluationTable | None, tuple[Diagnostic, ...]]:
     """Compare with what the sequence knows, or say why that cannot be: no reason to throw the results away."""
     if sequence.groundtruth is None and sequence.hand_tracks is None:
         return None, ()
     try:
         return evaluate_sequence(sequence, estimate), ()
     except AsfmError as error:
-        return None, (f"Not evaluated: {error}.",)
+        return None, (Diagnostic("not-evaluated", f"not evaluated: {error}"),)

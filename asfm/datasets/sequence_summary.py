@@ -31,7 +31,7 @@ def summarise_sequence(sequence: Sequence) -> list[Row]:
         ("hand tracks", _describe_hand_tracks(sequence.hand_tracks)),
         ("lever arm", _describe_lever_arm(sequence)),
         *_describe_frame(sequence.read_frame(0)),
-        *(("warning", text) for text in sequence.warnings),
+        *((item.severity, str(item)) for item in sequence.diagnostics),
     ]
 
 

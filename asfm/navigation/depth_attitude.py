@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from asfm.config import BackendConfig
+from asfm.diagnostics import Diagnostic, format_runs, frame_runs
 from asfm.geometry.poses import interpolate
 from asfm.navigation.outlier_filter import find_outliers
 from asfm.sequence import Sequence
@@ -25,7 +26,7 @@ class DepthAttitude:
     """(N, 3) metres and radians, finite; (0, 3) without navigation."""
     sigma: FloatArray
     """(N, 3) standard deviations; infinite where no reading is near."""
-    warnings: tuple[str, ...] = ()
+    diagnostics: tuple[Diagnostic, ...] = ()
 
 
 def interpolate_depth_attitude(
@@ -56,8 +57,7 @@ def interpolate_depth_attitude(
         sharing = frames_per_reading(stamps_s, sequence.timestamps_s, navigation.timestamps_s)
         widened[:, channel] = sigma[channel] * np.sqrt(sharing)
     far = ~np.isfinite(frames_per_reading(navigation.timestamps_s, sequence.timestamps_s))
-    warnings = _tell_wrong(wrong, away, sigma) + _tell_gaps(far)
-    return DepthAttitude(values, widened, warnings)
+    return DepthAttitude(values, widened, (*_diagnose_outliers(wrong, away, sigma), *_diagnose_gaps(far)))
 
 
 def stack_readings(navigation: Navigation) -> FloatArray:
@@ -115,31 +115,26 @@ def _detrend(readings: FloatArray, navigation: Navigation, odometry: Trajectory 
     return readings - level
 
 
-def _tell_wrong(wrong: BoolArray, away: FloatArray, sigma: FloatArray) -> tuple[str, ...]:
-    sentences = []
+def _diagnose_outliers(wrong: BoolArray, away: FloatArray, sigma: FloatArray) -> list[Diagnostic]:
+    found = []
     for channel, (name, (scale, unit)) in enumerate(zip(CHANNELS, UNITS, strict=True)):
         count = int(wrong[:, channel].sum())
         if count:
             worst = scale * float(away[wrong[:, channel], channel].max())
-            sentences.append(
-                f"navigation: {count} of {len(wrong)} readings of the {name} jump away from their neighbours, by up to "
-                f"{worst:.3g} {unit} where {scale * float(sigma[channel]):.2g} {unit} are stated: they are not believed"
+            message = (
+                f"navigation: {count} of {len(wrong)} {name} readings differ from their neighbours by up to "
+                f"{worst:.3g} {unit}, where the stated sigma is {scale * float(sigma[channel]):.2g} {unit}: rejected"
             )
-    return tuple(sentences)
+            found.append(Diagnostic("navigation-outliers", message))
+    return found
 
 
-def _tell_gaps(far: BoolArray) -> tuple[str, ...]:
+def _diagnose_gaps(far: BoolArray) -> list[Diagnostic]:
     if not far.any():
-        return ()
-    return (
-        f"navigation: no reading near {int(far.sum())} of {len(far)} frames ({name_frames(far)}): depth and attitude "
-        "constrain none of them",
+        return []
+    runs = frame_runs(far)
+    message = (
+        f"navigation: no reading near {int(far.sum())} of {len(far)} frames ({format_runs(runs)}): depth and attitude "
+        "do not constrain them"
     )
-
-
-def name_frames(which: BoolArray) -> str:
-    """Name runs of frames, at most four: 3-5, 9."""
-    edges = np.diff(np.concatenate([[0], which.astype(int), [0]]))
-    runs = list(zip(np.flatnonzero(edges == 1).tolist(), (np.flatnonzero(edges == -1) - 1).tolist(), strict=True))
-    names = [str(first) if first == last else f"{first}-{last}" for first, last in runs]
-    return ", ".join(names if len(names) <= 4 else [*names[:4], f"and {len(names) - 4} more stretches"])
+    return [Diagnostic("navigation-gap", message, runs)]

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asfm.backend.initialisation.initial_poses import InitialPoses
-from asfm.navigation.depth_attitude import name_frames
+from asfm.diagnostics import Diagnostic, format_runs, frame_runs
 from asfm.types import BoolArray, Keypoints, Matches
 
 FEWEST_KEYPOINTS = 10
@@ -27,13 +27,13 @@ def find_duplicate_frames(keypoints: Rows[Keypoints]) -> BoolArray:
 
 def drop_duplicate_frames(
     keypoints: Rows[Keypoints], candidates: list[Matches], start: InitialPoses | None
-) -> tuple[list[Matches], tuple[str, ...]]:
+) -> tuple[list[Matches], tuple[Diagnostic, ...]]:
     """Leave out the matches of repeated frames where odometry has moved meanwhile: they would say that it stood still.
 
     A sonar that stands before a still scene may well repeat itself: where odometry does not move, nothing is left out.
 
     Returns:
-        The matches that remain, and a sentence where some were left out.
+        The matches that remain, and a diagnostic where some were left out.
     """
     duplicates = find_duplicate_frames(keypoints)
     if start is None or not duplicates.any():
@@ -48,9 +48,10 @@ def drop_duplicate_frames(
         return candidates, ()
     turn_rad, shift_m = turn_rad[meanwhile], shift_m[meanwhile]
     kept = [match for match in candidates if not (duplicates[match.frame_a] or duplicates[match.frame_b])]
-    sentence = (
-        f"{int(duplicates.sum())} of {len(duplicates)} frames ({name_frames(duplicates)}) repeat the image before them "
-        f"while odometry moves by {float(np.median(shift_m)):.2g} m and {np.rad2deg(np.median(turn_rad)):.2g} deg a frame: "
-        "what they show is left out"
+    runs = frame_runs(duplicates)
+    message = (
+        f"{int(duplicates.sum())} of {len(duplicates)} frames ({format_runs(runs)}) repeat the image before them while "
+        f"odometry moves by {float(np.median(shift_m)):.2g} m and {np.rad2deg(np.median(turn_rad)):.2g} deg a frame: "
+        "their matches are left out"
     )
-    return kept, (sentence,)
+    return kept, (Diagnostic("duplicate-frames", message, runs),)

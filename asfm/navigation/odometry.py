@@ -6,8 +6,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asfm.config import BackendConfig
+from asfm.diagnostics import Diagnostic, format_runs, frame_runs
 from asfm.geometry.poses import interpolate, invert, make_pose
-from asfm.navigation.depth_attitude import frames_per_reading, name_frames
+from asfm.navigation.depth_attitude import frames_per_reading
 from asfm.navigation.outlier_filter import FEWEST, MAD_TO_SIGMA, SIGMAS, running_median
 from asfm.sequence import Sequence
 from asfm.types import BoolArray, FloatArray, SensorNoise
@@ -16,6 +17,9 @@ GAP_FACTOR = 1.5
 """Sigma of a step that odometry does not know, over its typical step."""
 JUMP_FACTOR = 3.0
 """A step jumps only when it departs from its neighbours by this many times what they are."""
+
+MAX_JUMPS = 4
+"""Diagnostics describe so many jumps one by one; the others are counted."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +30,7 @@ class Odometry:
     """(N, 4, 4), without the steps that were not believed."""
     step_sigma: FloatArray
     """(N - 1, 2) standard deviations of the steps' rotation in rad and translation in m, each axis."""
-    warnings: tuple[str, ...] = ()
+    diagnostics: tuple[Diagnostic, ...] = ()
     unreliable: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
     """(N - 1,) which steps jump, or lie where no reading is near."""
 
@@ -69,7 +73,7 @@ def _repair_jumps(odometry: Odometry, elapsed_s: FloatArray, noise: SensorNoise)
     unknown = _unknown_step(turn_rad[~jumps], shift_m[~jumps])
     sigma = odometry.step_sigma.copy()
     sigma[jumps] = np.hypot(sigma[jumps], unknown * pace[jumps])
-    return Odometry(repaired, sigma, _tell_jumps(jumps, turn_rad, shift_m), jumps)
+    return Odometry(repaired, sigma, _diagnose_jumps(jumps, turn_rad, shift_m), jumps)
 
 
 def _find_jumps(steps: FloatArray, sigma: float) -> tuple[BoolArray, FloatArray]:
@@ -100,26 +104,27 @@ def _widen_gaps(odometry: Odometry, sequence: Sequence) -> Odometry:
     sigma = odometry.step_sigma.copy()
     farthest_m = float(sequence.sonar.range_edges_m[-1])
     sigma[unknown] = np.hypot(sigma[unknown], np.maximum(typical, [1e-3, 1e-3 * farthest_m]))
-    sentence = f"odometry: no reading near {int(far.sum())} of {len(far)} frames ({name_frames(far)})"
+    runs = frame_runs(far)
+    message = f"odometry: no reading near {int(far.sum())} of {len(far)} frames ({format_runs(runs)})"
     if len(sigma):
         turn_deg, shift_m = np.rad2deg(sigma[unknown, 0].max()), sigma[unknown, 1].max()
-        sentence += f": the steps there count as known to {turn_deg:.2g} deg and {shift_m:.2g} m only"
-    return replace(
-        odometry, step_sigma=sigma, warnings=(*odometry.warnings, sentence), unreliable=odometry.unreliable | unknown
-    )
+        message += f": the steps there get sigmas of {turn_deg:.2g} deg and {shift_m:.2g} m"
+    diagnostics = (*odometry.diagnostics, Diagnostic("odometry-gap", message, runs))
+    return replace(odometry, step_sigma=sigma, diagnostics=diagnostics, unreliable=odometry.unreliable | unknown)
 
 
-def _tell_jumps(jumps: BoolArray, turn_rad: FloatArray, shift_m: FloatArray) -> tuple[str, ...]:
+def _diagnose_jumps(jumps: BoolArray, turn_rad: FloatArray, shift_m: FloatArray) -> tuple[Diagnostic, ...]:
     size_m, size_deg = np.linalg.norm(shift_m, axis=1), np.rad2deg(np.linalg.norm(turn_rad, axis=1))
     usual_m, usual_deg = float(np.median(size_m[~jumps])), float(np.median(size_deg[~jumps]))
     indices = np.flatnonzero(jumps).tolist()
-    sentences = [
-        f"odometry jumps by {size_m[index]:.2g} m and {size_deg[index]:.2g} deg between frames {index} and {index + 1} "
-        f"where its steps are {usual_m:.2g} m and {usual_deg:.2g} deg: that step is not believed"
-        for index in indices[:4]
-    ]
-    if len(indices) > 4:
-        sentences.append(
-            f"odometry jumps between {len(indices) - 4} more pairs of frames: they are not believed either"
+    found = []
+    for index in indices[:MAX_JUMPS]:
+        message = (
+            f"odometry jumps by {size_m[index]:.2g} m and {size_deg[index]:.2g} deg between frames {index} and "
+            f"{index + 1}, where its typical step is {usual_m:.2g} m and {usual_deg:.2g} deg: that step is rejected"
         )
-    return tuple(sentences)
+        found.append(Diagnostic("odometry-jump", message, ((index, index + 1),)))
+    if len(indices) > MAX_JUMPS:
+        message = f"odometry jumps at {len(indices) - MAX_JUMPS} more steps: they are rejected too"
+        found.append(Diagnostic("odometry-jump", message, tuple((i, i + 1) for i in indices[MAX_JUMPS:])))
+    return tuple(found)

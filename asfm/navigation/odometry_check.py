@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asfm.config import Config
+from asfm.diagnostics import Diagnostic
 from asfm.geometry.poses import invert, make_pose
 from asfm.geometry.sonar import feature_sigma
 from asfm.navigation.depth_attitude import DepthAttitude, depth_roll_pitch
@@ -18,7 +19,7 @@ from asfm.navigation.odometry_hypotheses import (
     odometry_hypotheses,
 )
 from asfm.navigation.outlier_filter import MAD_TO_SIGMA
-from asfm.navigation.sensor_consistency import compare_odometry_attitude, name_contradictions
+from asfm.navigation.sensor_consistency import compare_odometry_attitude, describe_conflicts
 from asfm.navigation.sensor_constraints import SensorConstraints
 from asfm.sequence import Sequence
 from asfm.types import FloatArray, SensorNoise
@@ -101,25 +102,27 @@ def _own_miss(pair: PointPairs, sequence: Sequence) -> float:
     return median_arc_distance_m(replace(pair, frame_a=0, frame_b=1), poses, sequence.sonar)
 
 
-def describe_test(test: OdometryTest, sigma: FloatArray) -> str:
-    """Say in one sentence that the images contradict odometry, and how well its steps count as known from now on."""
+def diagnose_odometry(test: OdometryTest, sigma: FloatArray) -> Diagnostic:
+    """Report that the images contradict the odometry, and the (2,) sigmas in rad and m that its steps get."""
     given_m, shown_m = test.distance_m[GIVEN], test.distance_m[SHOWN]
     likely = test.likely
-    seems = f", or {test.distance_m[likely]:.2g} m {likely}: so it is taken" if likely else ""
-    return (
-        f"odometry contradicts the images: over {test.pairs} pairs of frames points lie {given_m:.2g} m from where "
-        f"its steps put them, {test.over_expected:.1f} times what noise makes, and {shown_m:.2g} m {SHOWN}{seems}; "
-        f"its steps count as known to {np.rad2deg(sigma[0]):.2g} deg and {sigma[1]:.2g} m only"
+    seems = f", or {test.distance_m[likely]:.2g} m {likely}: it is corrected so" if likely else ""
+    message = (
+        f"odometry contradicts the images: over {test.pairs} frame pairs points lie {given_m:.2g} m from where "
+        f"its steps put them, {test.over_expected:.1f} times the expected noise, and {shown_m:.2g} m {SHOWN}{seems}; "
+        f"its steps get sigmas of {np.rad2deg(sigma[0]):.2g} deg and {sigma[1]:.2g} m"
     )
+    return Diagnostic("odometry-image-conflict", message)
 
 
-def describe_shift(shift_s: float, sigma: FloatArray) -> str:
-    """Say that odometry and navigation agree but for their stamps."""
-    return (
+def diagnose_time_offset(shift_s: float, sigma: FloatArray) -> Diagnostic:
+    """Report that odometry and navigation agree but for their stamps, and the (2,) sigmas that the steps get."""
+    message = (
         "odometry and navigation contradict each other in roll and pitch, and agree with odometry about "
         f"{abs(shift_s):.2g} s {'earlier' if shift_s > 0 else 'later'}: its stamps seem wrong; "
-        f"its steps count as known to {np.rad2deg(sigma[0]):.2g} deg and {sigma[1]:.2g} m only"
+        f"its steps get sigmas of {np.rad2deg(sigma[0]):.2g} deg and {sigma[1]:.2g} m"
     )
+    return Diagnostic("time-offset", message)
 
 
 def measure_disagreement(
@@ -154,7 +157,7 @@ def resolve_attitude_conflict(
     wrong = consistency.contradicts
     if not wrong.any():
         return world_from_vehicle, sensors
-    sentences = name_contradictions(consistency)
+    sentences = describe_conflicts(consistency)
     lever = sequence.vehicle_from_sonar
     if len(point_pairs) >= FEWEST_PAIRS:
         readings = np.where(wrong, sensors.z_roll_pitch, depth_roll_pitch(world_from_vehicle))
@@ -164,17 +167,22 @@ def resolve_attitude_conflict(
             for poses in (world_from_vehicle, corrected)
         )
         if other < AS_GOOD * given:
-            told = f"the images believe navigation ({other:.2g} m instead of {given:.2g} m): odometry takes it over"
-            sentences = tuple(f"{sentence}; {told}" for sentence in sentences)
-            return corrected, recompute_steps(sensors, corrected, sequence.noise, sentences)
+            told = (
+                f"the images agree with navigation ({other:.2g} m instead of {given:.2g} m): odometry takes its values"
+            )
+            found = tuple(Diagnostic("sensor-conflict", f"{sentence}; {told}") for sentence in sentences)
+            return corrected, recompute_steps(sensors, corrected, sequence.noise, found)
     sigma = sensors.z_roll_pitch_sigma.copy()
     sigma[:, wrong] = np.inf
-    warnings = (*sensors.warnings, *(f"{sentence}; navigation's is left out" for sentence in sentences))
-    return world_from_vehicle, replace(sensors, z_roll_pitch_sigma=sigma, warnings=warnings)
+    found = tuple(Diagnostic("sensor-conflict", f"{sentence}; navigation's is left out") for sentence in sentences)
+    return world_from_vehicle, replace(sensors, z_roll_pitch_sigma=sigma, diagnostics=(*sensors.diagnostics, *found))
 
 
 def recompute_steps(
-    sensors: SensorConstraints, world_from_vehicle: FloatArray, noise: SensorNoise, sentences: tuple[str, ...]
+    sensors: SensorConstraints,
+    world_from_vehicle: FloatArray,
+    noise: SensorNoise,
+    diagnostics: tuple[Diagnostic, ...],
 ) -> SensorConstraints:
     """Measure the steps between corrected poses, (N, 4, 4), with the noise that the readings added to them."""
     angle_rad = max(noise.navigation_roll_rad, noise.navigation_pitch_rad)
@@ -184,7 +192,7 @@ def recompute_steps(
         first_pose=world_from_vehicle[0],
         steps=invert(world_from_vehicle[:-1]) @ world_from_vehicle[1:],
         step_sigma=np.hypot(sensors.step_sigma, added),
-        warnings=(*sensors.warnings, *sentences),
+        diagnostics=(*sensors.diagnostics, *diagnostics),
     )
 
 

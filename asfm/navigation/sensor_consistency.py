@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from asfm.diagnostics import Diagnostic
 from asfm.geometry.poses import invert, make_pose
 from asfm.navigation.depth_attitude import CHANNELS, UNITS, DepthAttitude, depth_roll_pitch
 from asfm.types import BoolArray, FloatArray, SensorNoise
@@ -94,12 +95,12 @@ def estimate_time_offset(
     return best if best != 0 and worst[best] < 0.5 * SIGMAS else None
 
 
-def name_contradictions(consistency: SensorConsistency) -> tuple[str, ...]:
-    """Say in one sentence each which of height, roll and pitch contradict each other."""
+def describe_conflicts(consistency: SensorConsistency) -> tuple[str, ...]:
+    """Describe which of height, roll and pitch contradict each other, one sentence each."""
     sentences = []
     for channel in np.flatnonzero(consistency.contradicts).tolist():
         scale, unit = UNITS[channel]
-        how = ": they run against each other, one is mirrored" if consistency.mirrored[channel] else ""
+        how = ": they have opposite signs, one is mirrored" if consistency.mirrored[channel] else ""
         sentences.append(
             f"odometry and navigation contradict each other in the {CHANNELS[channel]}: over {LAG} frames they differ "
             f"by {scale * float(consistency.differs[channel]):.2g} {unit} in the median, where "
@@ -110,7 +111,7 @@ def name_contradictions(consistency: SensorConsistency) -> tuple[str, ...]:
 
 def align_initial_attitude(
     world_from_vehicle: FloatArray, depth_attitude: DepthAttitude, noise: SensorNoise, trusted: BoolArray
-) -> tuple[FloatArray, tuple[str, ...]]:
+) -> tuple[FloatArray, tuple[Diagnostic, ...]]:
     """Move an odometry that starts in another world than navigation's to the height, roll and pitch of its start.
 
     Args:
@@ -118,7 +119,7 @@ def align_initial_attitude(
         trusted: (3,) which of height, roll and pitch may move it.
 
     Returns:
-        (N, 4, 4) poses, untouched where they start within a few sigmas of navigation, and a sentence where not.
+        (N, 4, 4) poses, untouched where they start within a few sigmas of navigation, and a diagnostic where not.
     """
     known = (
         np.flatnonzero(np.isfinite(depth_attitude.sigma).all(axis=1))[:5]
@@ -145,5 +146,8 @@ def align_initial_attitude(
         for channel, (scale, unit) in enumerate(UNITS)
         if far[channel]
     )
-    sentence = f"odometry starts in another frame than navigation, {offsets} away: its poses were moved to navigation's"
-    return np.asarray(placed @ invert(first) @ world_from_vehicle), (sentence,)
+    message = (
+        f"odometry starts in another frame than navigation, offset by {offsets}: its poses are moved to navigation's"
+    )
+    moved = Diagnostic("odometry-frame-offset", message)
+    return np.asarray(placed @ invert(first) @ world_from_vehicle), (moved,)

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asfm.config import BackendConfig
+from asfm.diagnostics import Diagnostic
 from asfm.geometry.poses import invert, make_pose
 from asfm.navigation.depth_attitude import interpolate_depth_attitude
 from asfm.navigation.odometry import read_odometry
@@ -33,8 +34,8 @@ class SensorConstraints:
     """(N, 3) metres and radians, or (0, 3) without navigation."""
     z_roll_pitch_sigma: FloatArray
     """(N, 3) or (0, 3) standard deviations in metres and radians; infinite where nothing was measured."""
-    warnings: tuple[str, ...] = ()
-    """What is wrong with the readings, one clear sentence each."""
+    diagnostics: tuple[Diagnostic, ...] = ()
+    """What is wrong with the readings."""
 
     @property
     def typical_rotation_rad(self) -> float:
@@ -59,7 +60,7 @@ def sensor_constraints(
     world_from_vehicle: FloatArray,
     step_sigma: FloatArray,
     measured: bool,
-    warnings: tuple[str, ...] = (),
+    diagnostics: tuple[Diagnostic, ...] = (),
 ) -> SensorConstraints:
     """Gather the constraints.
 
@@ -67,7 +68,7 @@ def sensor_constraints(
         world_from_vehicle: (N, 4, 4) the odometry at the frames, or what stands in for it.
         step_sigma: (N - 1, 2) standard deviations of its steps' rotation in rad and translation in m.
         measured: whether it is odometry.
-        warnings: what is wrong with it.
+        diagnostics: what is wrong with it.
     """
     depth_attitude = interpolate_depth_attitude(
         sequence, config, Trajectory(sequence.timestamps_s, world_from_vehicle) if measured else None
@@ -87,7 +88,7 @@ def sensor_constraints(
         step_sigma=step_sigma,
         z_roll_pitch=depth_attitude.z_roll_pitch,
         z_roll_pitch_sigma=depth_attitude.sigma,
-        warnings=(*warnings, *depth_attitude.warnings),
+        diagnostics=(*diagnostics, *depth_attitude.diagnostics),
     )
 
 

@@ -20,6 +20,7 @@ from asfm.backend.initialisation.initial_poses import (
     verify_odometry,
 )
 from asfm.config import Config
+from asfm.diagnostics import Diagnostic
 from asfm.frontend.denoising.echo_mask import detect_echo_mask
 from asfm.frontend.features.keypoints import cut_keypoint_patches, detect_keypoints
 from asfm.frontend.matching.external_matches import ExternalMatches, filter_external_matches
@@ -77,10 +78,10 @@ def reconstruct(
         loops = config.loops.model_copy(update={"enabled": False})
         config = config.model_copy(update={"loops": loops, "tracks": config.tracks.model_copy(update={"window": 0})})
     keypoints, candidates = extract_matches(sequence, config, recorder, clock, given)
-    solved, solution, told = estimate(sequence, keypoints, candidates, config, clock)
-    reconstruction = summarise(solved, solution, config, clock, told)
+    calibrated, solution, diagnostics = estimate(sequence, keypoints, candidates, config, clock)
+    reconstruction = summarise(calibrated, solution, config, clock, diagnostics)
     with clock.stage("record"):
-        recorder.record_reconstruction(solved, reconstruction)
+        recorder.record_reconstruction(calibrated, reconstruction)
     return Run(reconstruction, tuple(clock.reports))
 
 
@@ -146,13 +147,13 @@ def _count_rejected(candidates: list[Matches]) -> dict[str, int]:
 
 def estimate(
     sequence: Sequence, keypoints: list[Keypoints], candidates: list[Matches], config: Config, clock: StageClock
-) -> tuple[Sequence, Solution, tuple[str, ...]]:
+) -> tuple[Sequence, Solution, tuple[Diagnostic, ...]]:
     """Find poses and points; once more with the mounting and the range bias corrected, where these are estimated.
 
     Returns:
         The sequence, its lever arm corrected where that was asked for, the solution, and what is to be warned of.
     """
-    candidates, repeats = drop_duplicate_frames(keypoints, candidates, initialise_from_odometry(sequence, config))
+    candidates, duplicates = drop_duplicate_frames(keypoints, candidates, initialise_from_odometry(sequence, config))
     start = initialise(sequence, keypoints, candidates, config, clock)
     solution = optimise(sequence, keypoints, candidates, start, config, clock)
     calibration = estimate_calibration(solution, config, clock)
@@ -165,7 +166,7 @@ def estimate(
             solution = correct_partial_mirroring(widen_motion_prior(solution, sequence, config), sequence, config)
             solution = choose_mirror(solution, config.backend.scene)
             solution = state_prior_covariance(solution, config.backend.motion_prior_factor)
-    return sequence, solution, (*start.sensors.warnings, *repeats, *calibration.describe())
+    return sequence, solution, (*start.sensors.diagnostics, *duplicates, *calibration.diagnose())
 
 
 def initialise(
@@ -238,7 +239,7 @@ def _match_to_landmarks(
 
 
 def summarise(
-    sequence: Sequence, solution: Solution, config: Config, clock: StageClock, warnings: tuple[str, ...] = ()
+    sequence: Sequence, solution: Solution, config: Config, clock: StageClock, diagnostics: tuple[Diagnostic, ...] = ()
 ) -> Reconstruction:
     """Describe the landmarks and say what the poses rest on."""
     with clock.stage("landmarks") as report:
@@ -255,8 +256,8 @@ def summarise(
         observed=solution.observed,
         landmarks=landmarks,
         pose_covariance=stated.pose,
-        warnings=(
-            *warnings,
+        diagnostics=(
+            *diagnostics,
             *warn_of_disconnected_steps(sequence, solution, config),
             *warn_of_mirror(uncertainty, solution.bundle, mirror),
             *warn_of_unreliable_poses(solution, uncertainty),

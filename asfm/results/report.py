@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from asfm.config import Config
+from asfm.diagnostics import Diagnostic
 from asfm.errors import AsfmError
 from asfm.evaluation.pose_error_table import EvaluationTable
 from asfm.sequence import Sequence
@@ -29,8 +30,8 @@ class RunSummary:
     sequence: Sequence
     reconstruction: Reconstruction
     stages: tuple[StageReport, ...]
-    warnings: tuple[str, ...]
-    """The sequence's and the reconstruction's, one clear sentence each."""
+    diagnostics: tuple[Diagnostic, ...]
+    """The sequence's and the reconstruction's."""
     evaluation: EvaluationTable | None
     """None where the sequence knows nothing to compare with."""
     wall_s: float
@@ -57,7 +58,7 @@ def describe_run(summary: RunSummary, config: Config) -> dict[str, Any]:
         },
         "stages": [vars(stage) for stage in summary.stages],
         "wall_s": summary.wall_s,
-        "warnings": list(summary.warnings),
+        "warnings": [item.as_dict() for item in summary.diagnostics],
         "versions": {"python": platform.python_version()} | {name: _find_version(name) for name in DISTRIBUTIONS},
         "platform": platform.platform(),
     }

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from asfm.diagnostics import Diagnostic
 from asfm.errors import AsfmError
 from asfm.geometry.poses import interpolate, invert
 from asfm.sequence import Sequence
@@ -82,7 +83,7 @@ def simulate(
     move = find_motion(motion or recipe.motion) if not isinstance(motion, Trajectory) else None
     mount = scenario.vehicle_from_sonar if vehicle_from_sonar is None else vehicle_from_sonar
     scene, view = recipe.build(sonar.range_max, _generator(seed, _SCENE))
-    remarks = scenario.warnings
+    remarks = scenario.diagnostics
     if isinstance(motion, Trajectory):
         path = sample_path(motion, sonar.rate_hz, frame_count)
         if len(path.timestamps_s) < frame_count:
@@ -94,7 +95,9 @@ def simulate(
         times_s: FloatArray = np.arange(frame_count) / sonar.rate_hz
         path = Trajectory(times_s, move(view, times_s, _generator(seed, _MOTION)) @ invert(mount))
     simulated = simulate_path(scene, sonar, path, seed, mount)
-    return replace(simulated, sequence=replace(simulated.sequence, warnings=remarks + simulated.sequence.warnings))
+    return replace(
+        simulated, sequence=replace(simulated.sequence, diagnostics=remarks + simulated.sequence.diagnostics)
+    )
 
 
 def find_sonar(name: str) -> Scenario:
@@ -155,24 +158,26 @@ def simulate_path(
         groundtruth=path,
         noise=noise,
         kind="simulated",
-        warnings=_list_warnings(renderer, poses),
+        diagnostics=_diagnose(renderer, poses),
     )
     return SimulatedSequence(sequence, scene, sonar, renderer, lambda index: renderer.render_truth(cast(index)))
 
 
-def _list_warnings(renderer: Renderer, poses: FloatArray) -> tuple[str, ...]:
+def _diagnose(renderer: Renderer, poses: FloatArray) -> tuple[Diagnostic, ...]:
     scene, sonar = renderer.scene, renderer.sonar
-    warnings = []
+    found = []
     if not scene.winds_outward:
-        warnings.append(f"the mesh of {scene.name} is open: it echoes from both sides, and has no inside to avoid")
+        message = f"the mesh of {scene.name} is open: it reflects from both sides and has no interior to avoid"
+        found.append(Diagnostic("open-mesh", message))
     blind = count_blind(renderer.caster, renderer.fan, poses, (sonar.range_min, sonar.range_max))
     if blind:
         size_m = float(np.ptp(scene.vertices_m, axis=0).max())
-        warnings.append(
+        message = (
             f"{blind} of {len(poses)} frames see nothing of {scene.name} within {sonar.range_max} m; "
             f"it is {size_m:.4g} m across"
         )
-    return tuple(warnings)
+        found.append(Diagnostic("empty-frames", message))
+    return tuple(found)
 
 
 def _generator(seed: int, *stream: int) -> np.random.Generator:

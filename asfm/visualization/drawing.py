@@ -257,12 +257,13 @@ def summarise_run(sequence: Sequence, reconstruction: Reconstruction) -> str:
     spread = f" (median sigma {np.median(landmarks.sigma_m[good]):.3f} m)" if good.any() else ""
     low_m, high_m = span_heights(landmarks)
     heights = f" from {low_m:.2f} m (blue) to {high_m:.2f} m (red)" if high_m > low_m else ""
-    warnings = [*sequence.warnings, *reconstruction.warnings]
+    diagnostics = [*sequence.diagnostics, *reconstruction.diagnostics]
     return "\n\n".join(
         [
             f"**{sequence.name}** ({sequence.sonar.name}): {len(sequence)} frames, path of {length_m:.2f} m, "
             f"{reconstruction.tracks.count} tracks, {len(landmarks)} landmarks, {good.sum()} well constrained{spread}",
-            "\n".join(f"- **Warning:** {' '.join(text.split())}" for text in warnings) or "No warnings.",
+            "\n".join(f"- **{item.severity.capitalize()}:** {' '.join(str(item).split())}" for item in diagnostics)
+            or "No warnings.",
             "**Images**: echoes green, keypoints yellow, matches with the frame before magenta; port is left.",
             f"**World**: points coloured by height{heights}, whiskers of two sigma (hover to read it). Grey "
             "arcs: the motion leaves the elevation open. Larger or brighter: in view. All lines start from one pose.",

@@ -16,6 +16,7 @@ from asfm.backend.graph.aperture_bounds import add_aperture_priors, observed_ele
 from asfm.backend.graph.bundle_adjustment import Bundle, make_values
 from asfm.backend.graph.marginal_covariance import Uncertainty
 from asfm.config import Scene
+from asfm.diagnostics import Diagnostic
 from asfm.geometry.poses import invert, transform
 from asfm.types import FloatArray
 
@@ -126,7 +127,7 @@ def _reflect_motions(vehicle_from_sonar: FloatArray) -> FloatArray:
     return np.asarray(carry @ np.diag([-1.0, -1.0, 1.0, 1.0, 1.0, -1.0]) @ np.linalg.inv(carry))
 
 
-def warn_of_mirror(uncertainty: Uncertainty, bundle: Bundle, mirror: Mirror) -> tuple[str, ...]:
+def warn_of_mirror(uncertainty: Uncertainty, bundle: Bundle, mirror: Mirror) -> tuple[Diagnostic, ...]:
     """Say in a sentence that another image explains the measurements, where it is clearly another one.
 
     Args:
@@ -140,12 +141,13 @@ def warn_of_mirror(uncertainty: Uncertainty, bundle: Bundle, mirror: Mirror) -> 
         return ()
     turn_deg = float(np.rad2deg(np.abs(apart[:, :3]).max()))
     shift_m = float(np.linalg.norm(apart[:, 3:], axis=1).max())
-    return (
+    message = (
         f"the scene and its mirror image at the sonar's first plane explain the measurements alike (probability of the "
         f"image not shown: {mirror.probability:.2g}): heights, roll and pitch may have the other sign; up to "
         f"{turn_deg:.2g} deg and {shift_m:.2g} m lie between the two, and the sigmas include that; depth, attitude, "
-        "odometry or backend.scene (below or above the sonar) would tell",
+        "odometry or backend.scene (below or above the sonar) would tell"
     )
+    return (Diagnostic("mirror-ambiguity", message),)
 
 
 def compare_poses(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:

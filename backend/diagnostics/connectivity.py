@@ -3,8 +3,8 @@
 import numpy as np
 
 from asfm.backend.estimation.solution import Solution
-from asfm.backend.stretches import name_stretches
 from asfm.config import Config
+from asfm.diagnostics import Diagnostic, format_runs, step_runs
 from asfm.sequence import Sequence
 from asfm.types import BoolArray
 
@@ -12,21 +12,23 @@ MIN_LINKS = 3
 """Fewest landmarks that two parts of a trajectory must share to be tied together."""
 
 
-def warn_of_disconnected_steps(sequence: Sequence, solution: Solution, config: Config) -> tuple[str, ...]:
-    """Say in one sentence each which stretches of the trajectory the sonar does not support."""
+def warn_of_disconnected_steps(sequence: Sequence, solution: Solution, config: Config) -> tuple[Diagnostic, ...]:
+    """Report the steps between consecutive frames that too few landmarks span."""
     if len(sequence) == 1:
-        return ("the sequence has one frame: nothing to reconstruct, its pose is held",)
+        return (Diagnostic("single-frame", "the sequence has one frame: nothing to reconstruct, its pose is held"),)
     loose = ~connected_steps(solution, len(sequence))
     if not loose.any():
         return ()
+    runs = step_runs(loose)
     stand_in = "odometry" if sequence.odometry is not None and config.backend.use_odometry else "the last pose"
     if loose.all():
-        return (f"no two frames share {MIN_LINKS} landmarks: all {len(sequence)} poses are held by {stand_in}",)
-    stretches = ", ".join(name_stretches(loose, last=1))
-    return (
-        f"{int(loose.sum())} of {len(loose)} steps are not supported by the sonar (fewer than {MIN_LINKS} shared "
-        f"landmarks): the poses are held by {stand_in} between frames {stretches}",
-    )
+        message = f"no two frames share {MIN_LINKS} landmarks: all {len(sequence)} poses are held by {stand_in}"
+    else:
+        message = (
+            f"{int(loose.sum())} of {len(loose)} steps are not supported by the sonar (fewer than {MIN_LINKS} shared "
+            f"landmarks): the poses are held by {stand_in} between frames {format_runs(runs)}"
+        )
+    return (Diagnostic("unsupported-steps", message, runs),)
 
 
 def connected_steps(solution: Solution, frame_count: int) -> BoolArray:

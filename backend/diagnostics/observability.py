@@ -4,7 +4,7 @@ import numpy as np
 
 from asfm.backend.estimation.solution import Solution
 from asfm.backend.graph.marginal_covariance import Uncertainty
-from asfm.backend.stretches import name_stretches
+from asfm.diagnostics import Diagnostic, FrameRuns, format_runs, frame_runs
 from asfm.navigation.sensor_constraints import SensorConstraints
 from asfm.types import BoolArray, FloatArray
 
@@ -12,8 +12,8 @@ SPAN = 10
 """Frames over which a motion is judged: what sonar adds to a single step is little, and adds up."""
 UNOBSERVED_RATIO = 0.9
 """Standard deviation over that without sonar and navigation from which on a direction is held by the steps alone."""
-LEAST_STRETCH = 5
-"""Shorter stretches of frames are not worth a word."""
+MIN_RUN = 5
+"""Shorter runs of frames are not reported."""
 DOUBT = 0.1
 """Standard deviation of the position, over the length of the path, from which on the trajectory is in doubt."""
 LEAST_PATH = 0.1
@@ -22,7 +22,7 @@ DIRECTIONS = ("roll", "pitch", "yaw", "forward motion", "sideways motion", "heig
 """In the vehicle's frame, as the covariances have them."""
 
 
-def warn_of_unreliable_poses(solution: Solution, uncertainty: Uncertainty) -> tuple[str, ...]:
+def warn_of_unreliable_poses(solution: Solution, uncertainty: Uncertainty) -> tuple[Diagnostic, ...]:
     """Say in one sentence each what the poses owe to no measurement, and from where they are in doubt."""
     used = solution.observed
     if not used.any():
@@ -32,7 +32,7 @@ def warn_of_unreliable_poses(solution: Solution, uncertainty: Uncertainty) -> tu
     return (*warn_of_unobserved_directions(uncertainty, solution.problem.sensors), *doubt)
 
 
-def warn_of_unobserved_directions(uncertainty: Uncertainty, sensors: SensorConstraints) -> tuple[str, ...]:
+def warn_of_unobserved_directions(uncertainty: Uncertainty, sensors: SensorConstraints) -> tuple[Diagnostic, ...]:
     """Say by name which directions only the odometry, or the assumption of little motion, holds, and in which frames.
 
     Args:
@@ -40,15 +40,19 @@ def warn_of_unobserved_directions(uncertainty: Uncertainty, sensors: SensorConst
         sensors: the steps and their sigmas.
     """
     held = find_unobserved_directions(uncertainty, sensors)
-    stretches: dict[str, list[str]] = {}
+    directions: dict[FrameRuns, list[str]] = {}
     for axis, name in enumerate(DIRECTIONS):
-        found = ", ".join(name_stretches(held[:, axis], LEAST_STRETCH))
-        if found:
-            stretches.setdefault(found, []).append(name)
+        runs = frame_runs(held[:, axis], MIN_RUN)
+        if runs:
+            directions.setdefault(runs, []).append(name)
     holder = "the odometry" if sensors.measured else "the assumption that the vehicle moves little"
     return tuple(
-        f"{_join(names)} {'is' if len(names) == 1 else 'are'} held by {holder} alone in frames {frames}"
-        for frames, names in stretches.items()
+        Diagnostic(
+            "unobserved-directions",
+            f"{_join(names)} {'is' if len(names) == 1 else 'are'} held by {holder} alone in frames {format_runs(runs)}",
+            runs,
+        )
+        for runs, names in directions.items()
     )
 
 
@@ -68,7 +72,7 @@ def find_unobserved_directions(uncertainty: Uncertainty, sensors: SensorConstrai
 
 def warn_of_position_uncertainty(
     uncertainty: Uncertainty, world_from_vehicle: FloatArray, range_m: float
-) -> tuple[str, ...]:
+) -> tuple[Diagnostic, ...]:
     """Say from which frame on the position is too uncertain to be trusted, if it is.
 
     Args:
@@ -78,14 +82,16 @@ def warn_of_position_uncertainty(
     """
     sigma_m = np.sqrt(np.linalg.eigvalsh(uncertainty.pose[:, 3:, 3:])[:, -1])
     path_m = float(np.linalg.norm(np.diff(world_from_vehicle[:, :3, 3], axis=0), axis=1).sum())
-    doubtful = np.flatnonzero(sigma_m > DOUBT * max(path_m, LEAST_PATH * range_m))
-    if not len(doubtful):
+    doubtful = np.asarray(sigma_m > DOUBT * max(path_m, LEAST_PATH * range_m))
+    if not doubtful.any():
         return ()
-    return (
-        f"the trajectory is not to be trusted from frame {doubtful[0]} on: its position is uncertain by "
-        f"{sigma_m[doubtful[0]]:.2g} m there and {sigma_m[-1]:.2g} m at the end (one sigma), on a path of "
-        f"{path_m:.2g} m",
+    first = int(np.argmax(doubtful))
+    message = (
+        f"the trajectory is not to be trusted from frame {first} on: its position is uncertain by "
+        f"{sigma_m[first]:.2g} m there and {sigma_m[-1]:.2g} m at the end (one sigma), on a path of "
+        f"{path_m:.2g} m"
     )
+    return (Diagnostic("position-uncertainty", message, frame_runs(doubtful)),)
 
 
 def _join(names: list[str]) -> str:

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from asfm.backend.graph.bundle_adjustment import adjust_bundle
 from asfm.backend.graph.problem import BundleProblem
 from asfm.config import BackendConfig
+from asfm.diagnostics import Diagnostic
 from asfm.geometry.poses import make_pose
 from asfm.types import FloatArray
 
@@ -43,21 +44,21 @@ class Calibration:
         turn = make_pose(np.zeros(3), Rotation.from_rotvec(self.rotation_rad))
         return np.asarray(vehicle_from_sonar @ turn)
 
-    def describe(self) -> tuple[str, ...]:
-        """Say in one sentence each what was estimated."""
-        sentences = []
+    def diagnose(self) -> tuple[Diagnostic, ...]:
+        """Report what was estimated."""
+        found = []
         if self.sigma[:3].any():
             turned, sigma = np.rad2deg(self.rotation_rad), np.rad2deg(self.sigma[:3])
             axes = ", ".join(f"{turned[i]:+.2f} +- {sigma[i]:.2f} deg about {'xyz'[i]}" for i in range(3))
-            sentences.append(
-                f"the lever arm's rotation was estimated: the sonar is turned by {axes} from what is given"
-            )
+            message = f"the lever arm's rotation was estimated: the sonar is rotated by {axes} from what is given"
+            found.append(Diagnostic("estimated-lever-rotation", message, severity="info"))
         if self.sigma[3]:
-            sentences.append(
+            message = (
                 f"a constant range bias was estimated: ranges are {self.range_bias_m:+.3f} +- {self.sigma[3]:.3f} m "
                 "too long"
             )
-        return tuple(sentences)
+            found.append(Diagnostic("estimated-range-bias", message, severity="info"))
+        return tuple(found)
 
 
 def calibrate(

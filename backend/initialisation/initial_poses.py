@@ -13,8 +13,8 @@ from asfm.navigation.odometry import read_odometry
 from asfm.navigation.odometry_check import (
     OdometryTest,
     compare_odometry_hypotheses,
-    describe_shift,
-    describe_test,
+    diagnose_odometry,
+    diagnose_time_offset,
     measure_disagreement,
     resolve_attitude_conflict,
 )
@@ -57,8 +57,8 @@ def initialise_from_odometry(sequence: Sequence, config: Config) -> InitialPoses
     depth_attitude = interpolate_depth_attitude(sequence, config.backend, Trajectory(sequence.timestamps_s, poses))
     trusted = ~compare_odometry_attitude(poses, depth_attitude, noise).contradicts
     poses, moved = align_initial_attitude(poses, depth_attitude, noise, trusted)
-    warnings = (*odometry.warnings, *moved)
-    sensors = sensor_constraints(sequence, config.backend, poses, odometry.step_sigma, True, warnings)
+    diagnostics = (*odometry.diagnostics, *moved)
+    sensors = sensor_constraints(sequence, config.backend, poses, odometry.step_sigma, True, diagnostics)
     return InitialPoses(poses, sensors, odometry.unreliable)
 
 
@@ -77,10 +77,12 @@ def verify_odometry(
     if test is not None and contradicted and test.likely:
         return _undo_fault(start, test, sequence)
     sigma = measure_disagreement(poses, agreed, sequence.vehicle_from_sonar)
-    sentences = [describe_test(test, sigma)] if test is not None and contradicted else []
+    found = [diagnose_odometry(test, sigma)] if test is not None and contradicted else []
     if shift:
-        sentences.append(describe_shift(shift * float(np.median(np.diff(sequence.timestamps_s))), sigma))
-    sensors = replace(sensors, step_sigma=np.hypot(sensors.step_sigma, sigma), warnings=(*sensors.warnings, *sentences))
+        found.append(diagnose_time_offset(shift * float(np.median(np.diff(sequence.timestamps_s))), sigma))
+    sensors = replace(
+        sensors, step_sigma=np.hypot(sensors.step_sigma, sigma), diagnostics=(*sensors.diagnostics, *found)
+    )
     return InitialPoses(poses, sensors, np.ones(len(start.unreliable), dtype=bool))
 
 
@@ -96,7 +98,7 @@ def _undo_fault(start: InitialPoses, test: OdometryTest, sequence: Sequence) -> 
         first_pose=undone[0],
         steps=invert(undone[:-1]) @ undone[1:],
         step_sigma=sigma,
-        warnings=(*sensors.warnings, describe_test(test, np.median(sigma, axis=0))),
+        diagnostics=(*sensors.diagnostics, diagnose_odometry(test, np.median(sigma, axis=0))),
     )
     return InitialPoses(undone, sensors, start.unreliable)
 

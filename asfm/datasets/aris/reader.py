@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from asfm.datasets.aris.lenses import beam_centres_rad
 from asfm.datasets.images import scale_to_unit
+from asfm.diagnostics import Diagnostic
 from asfm.errors import AsfmError
 from asfm.geometry.sonar import SonarModel
 from asfm.sequence import Sequence
@@ -108,7 +109,7 @@ def read_aris(path: Path, elevation_aperture_deg: float = ELEVATION_APERTURE_DEG
         timestamps_s=timestamps_s,
         read_frame=partial(read_aris_frame, ArisFrames(path, timestamps_s, (samples, beams))),
         kind="aris",
-        warnings=_list_warnings(headers, telephoto, elevation_aperture_deg),
+        diagnostics=_diagnose(headers, telephoto, elevation_aperture_deg),
     )
 
 
@@ -192,17 +193,19 @@ def _check_settings(path: Path, headers: NDArray[Any]) -> None:
             )
 
 
-def _list_warnings(headers: NDArray[Any], telephoto: bool, elevation_aperture_deg: float) -> tuple[str, ...]:
-    warnings = []
+def _diagnose(headers: NDArray[Any], telephoto: bool, elevation_aperture_deg: float) -> tuple[Diagnostic, ...]:
+    found = []
     speeds = headers["sound_speed_m_s"]
     if np.ptp(speeds) > 0:
-        warnings.append(
-            f"the speed of sound runs from {speeds.min():.2f} to {speeds.max():.2f} m/s; "
-            f"ranges take that of frame 0, {speeds[0]:.2f} m/s"
+        message = (
+            f"the sound speed varies from {speeds.min():.2f} to {speeds.max():.2f} m/s; "
+            f"all ranges use that of frame 0, {speeds[0]:.2f} m/s"
         )
+        found.append(Diagnostic("variable-sound-speed", message))
     if telephoto:
-        warnings.append(
+        message = (
             "the elevation aperture of the telephoto lens is not in the file: "
             f"{elevation_aperture_deg:g} degrees are assumed"
         )
-    return tuple(warnings)
+        found.append(Diagnostic("assumed-aperture", message))
+    return tuple(found)

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from asfm.datasets.holoocean.config_json import Scenario, read_scenario
 from asfm.datasets.holoocean.safe_pickle import load_pickle
 from asfm.datasets.images import scale_to_unit
+from asfm.diagnostics import Diagnostic
 from asfm.errors import AsfmError
 from asfm.geometry.poses import make_pose
 from asfm.geometry.sonar import SonarModel
@@ -65,11 +66,11 @@ def read_holoocean(path: Path) -> Sequence:
         raise AsfmError(f"{path}: expected Config.json and pickles (*.pkl) in it or in Data, found none")
     root, data = folders
     scenario = read_scenario(root / "Config.json")
-    warnings: list[str] = []
-    ticks = _read_ticks(data, scenario, warnings)
+    diagnostics: list[Diagnostic] = []
+    ticks = _read_ticks(data, scenario, diagnostics)
     shape = ticks[0].shape
     scenario.check_shape(shape, ticks[0].path)
-    timestamps_s = _choose_timestamps(ticks, scenario, warnings)
+    timestamps_s = _choose_timestamps(ticks, scenario, diagnostics)
     frames = PickledFrames(timestamps_s, tuple(tick.path for tick in ticks), scenario.sonar_name, shape)
     sonar = SonarModel.evenly_spaced(
         name=f"HoloOcean {scenario.sonar_name}",
@@ -83,9 +84,9 @@ def read_holoocean(path: Path) -> Sequence:
         sonar=sonar,
         timestamps_s=timestamps_s,
         read_frame=partial(read_pickled_frame, frames),
-        groundtruth=_gather_groundtruth(ticks, timestamps_s, scenario, warnings),
+        groundtruth=_gather_groundtruth(ticks, timestamps_s, scenario, diagnostics),
         kind="holoocean",
-        warnings=tuple(warnings),
+        diagnostics=tuple(diagnostics),
     )
 
 
@@ -111,7 +112,7 @@ def _find_folders(path: Path) -> tuple[Path, Path] | None:
     return None
 
 
-def _read_ticks(data: Path, scenario: Scenario, warnings: list[str]) -> list[_Tick]:
+def _read_ticks(data: Path, scenario: Scenario, diagnostics: list[Diagnostic]) -> list[_Tick]:
     paths = sorted(data.glob("*.pkl"), key=_number_in_name)
     ticks = []
     for path in paths:
@@ -125,9 +126,8 @@ def _read_ticks(data: Path, scenario: Scenario, warnings: list[str]) -> list[_Ti
     if not ticks:
         raise AsfmError(f"{data}: expected {scenario.sonar_name} in the pickles, found it in none of {len(paths)}")
     if len(ticks) < len(paths):
-        warnings.append(
-            f"{len(paths) - len(ticks)} of {len(paths)} pickles hold no {scenario.sonar_name} and are left out"
-        )
+        message = f"{len(paths) - len(ticks)} of {len(paths)} pickles hold no {scenario.sonar_name} and are left out"
+        diagnostics.append(Diagnostic("incomplete-records", message))
     return ticks
 
 
@@ -172,7 +172,7 @@ def _pick_pose(path: Path, value: Any, scale: float) -> FloatArray:
     return make_pose(pose[:3, 3].astype(np.float64) / scale, Rotation.from_matrix(rotation))
 
 
-def _choose_timestamps(ticks: list[_Tick], scenario: Scenario, warnings: list[str]) -> FloatArray:
+def _choose_timestamps(ticks: list[_Tick], scenario: Scenario, diagnostics: list[Diagnostic]) -> FloatArray:
     nominal_s = np.arange(len(ticks)) / scenario.rate_hz
     times_s = [tick.time_s for tick in ticks if tick.time_s is not None]
     if not times_s:
@@ -180,18 +180,20 @@ def _choose_timestamps(ticks: list[_Tick], scenario: Scenario, warnings: list[st
     if len(times_s) == len(ticks) and np.all(np.diff(times_s) > 0):
         return np.array(times_s)
     reason = "do not rise" if len(times_s) == len(ticks) else f"are missing from {len(ticks) - len(times_s)} pickles"
-    warnings.append(f"the recorded times {reason}: frames are stamped at the sonar's nominal {scenario.rate_hz:g} Hz")
+    message = f"the recorded times {reason}: frames are stamped at the sonar's nominal {scenario.rate_hz:g} Hz"
+    diagnostics.append(Diagnostic("unreliable-stamps", message))
     return nominal_s
 
 
 def _gather_groundtruth(
-    ticks: list[_Tick], timestamps_s: FloatArray, scenario: Scenario, warnings: list[str]
+    ticks: list[_Tick], timestamps_s: FloatArray, scenario: Scenario, diagnostics: list[Diagnostic]
 ) -> Trajectory | None:
     if not scenario.pose_is_of_sonar:
-        warnings.append(
+        message = (
             "PoseSensor and sonar differ in socket, location or rotation in Config.json: its poses are not the sonar's "
             "and are left out"
         )
+        diagnostics.append(Diagnostic("pose-not-of-sonar", message))
         return None
     known = [index for index, tick in enumerate(ticks) if tick.world_from_sonar is not None]
     if not known:

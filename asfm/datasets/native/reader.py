@@ -11,6 +11,7 @@ from asfm.datasets.images import read_grey_png, read_png_shape, scale_to_unit
 from asfm.datasets.native.sequence_yaml import SonarSettings, read_settings
 from asfm.datasets.native.truth import read_truth_file
 from asfm.datasets.tables import check_rising, parse_integers, parse_numbers, read_csv, read_tum
+from asfm.diagnostics import Diagnostic, frame_runs
 from asfm.errors import AsfmError
 from asfm.geometry.sonar import SonarModel
 from asfm.sequence import Sequence
@@ -51,11 +52,11 @@ def read_native(folder: Path) -> Sequence:
     timestamps_s = frames.timestamps_s
     odometry = _read_trajectory(folder / "odometry.tum")
     navigation = _read_navigation(folder / "navigation.csv")
-    warnings = []
+    diagnostics: list[Diagnostic] = []
     if odometry is not None:
-        warnings += check_coverage(folder / "odometry.tum", odometry.timestamps_s, timestamps_s)
+        diagnostics += check_coverage(folder / "odometry.tum", odometry.timestamps_s, timestamps_s)
     if navigation is not None:
-        warnings += check_coverage(folder / "navigation.csv", navigation.timestamps_s, timestamps_s)
+        diagnostics += check_coverage(folder / "navigation.csv", navigation.timestamps_s, timestamps_s)
     return Sequence(
         name=folder.resolve().name,
         sonar=sonar,
@@ -68,7 +69,7 @@ def read_native(folder: Path) -> Sequence:
         noise=settings.noise.sensor_noise(),
         hand_tracks=_read_hand_tracks(folder / "landmarks.csv"),
         kind="native",
-        warnings=tuple(warnings),
+        diagnostics=tuple(diagnostics),
     )
 
 
@@ -128,7 +129,7 @@ def make_sonar(settings: SonarSettings, shape: tuple[int, int], path: Path) -> t
     )
 
 
-def check_coverage(path: Path, timestamps_s: FloatArray, frames_s: FloatArray) -> list[str]:
+def check_coverage(path: Path, timestamps_s: FloatArray, frames_s: FloatArray) -> list[Diagnostic]:
     """Warn of frames outside the stamps of a sensor; raise AsfmError where there is no common time at all."""
     start, end = float(timestamps_s[0]), float(timestamps_s[-1])
     outside = (frames_s < start - COVERAGE_TOLERANCE_S) | (frames_s > end + COVERAGE_TOLERANCE_S)
@@ -137,7 +138,8 @@ def check_coverage(path: Path, timestamps_s: FloatArray, frames_s: FloatArray) -
     spans = f"{start:.3f} to {end:.3f} s, the frames run from {frames_s[0]:.3f} to {frames_s[-1]:.3f} s"
     if outside.all() and (end < frames_s[0] or start > frames_s[-1]):
         raise AsfmError(f"{path}: it covers {spans}: no common time; correct the stamps or remove the file")
-    return [f"{path.name} covers {spans}: {outside.sum()} of {len(frames_s)} frames lie outside"]
+    message = f"{path.name} covers {spans}: {outside.sum()} of {len(frames_s)} frames lie outside"
+    return [Diagnostic("partial-sensor-coverage", message, frame_runs(outside))]
 
 
 def _locate_frames(folder: Path, settings: SonarSettings) -> tuple[NativeFrames, SonarModel]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from asfm.datasets.oculus.messages import HIGH_FREQUENCY, LOW_FREQUENCY, Ping, find_pings, is_message
+from asfm.diagnostics import Diagnostic
 from asfm.errors import AsfmError
 from asfm.geometry.sonar import SonarModel
 from asfm.sequence import Sequence
@@ -66,7 +67,7 @@ def read_oculus(path: Path, elevation_aperture_deg: float | None = None) -> Sequ
     """
     pings = find_pings(path)
     _check_settings(path, pings)
-    timestamps_s, stamp_warnings = _stamp_pings(pings)
+    timestamps_s, stamp_diagnostics = _stamp_pings(pings)
     first = pings[0]
     aperture_deg = elevation_aperture_deg
     if aperture_deg is None:
@@ -84,7 +85,7 @@ def read_oculus(path: Path, elevation_aperture_deg: float | None = None) -> Sequ
         timestamps_s=timestamps_s,
         read_frame=partial(read_oculus_frame, frames),
         kind="oculus",
-        warnings=(*stamp_warnings, *_list_warnings(pings, elevation_aperture_deg)),
+        diagnostics=(*stamp_diagnostics, *_diagnose(pings, elevation_aperture_deg)),
     )
 
 
@@ -152,7 +153,7 @@ def _explain_change(path: Path, index: int, name: str, expected: str, found: str
     )
 
 
-def _stamp_pings(pings: tuple[Ping, ...]) -> tuple[FloatArray, tuple[str, ...]]:
+def _stamp_pings(pings: tuple[Ping, ...]) -> tuple[FloatArray, tuple[Diagnostic, ...]]:
     """Take the sonar's clock where it is one of seconds that rise, and else space the pings evenly."""
     clock_s = np.array([ping.start_time_s for ping in pings])
     steps_s = np.diff(clock_s)
@@ -163,23 +164,24 @@ def _stamp_pings(pings: tuple[Ping, ...]) -> tuple[FloatArray, tuple[str, ...]]:
         return np.zeros(1), ()
     rate_hz = RATES_HZ.get(pings[0].rate_code, USUAL_RATE_HZ)
     said = "as the ping rate asks" if pings[0].rate_code in RATES_HZ else "as is usual, for the ping rate is not stated"
-    return np.arange(len(pings)) / rate_hz, (
-        f"the pings' stamps are not to be trusted: they are spaced evenly at {rate_hz:g} Hz, {said}",
-    )
+    message = f"the pings' time stamps are unusable: frames are spaced evenly at {rate_hz:g} Hz, {said}"
+    return np.arange(len(pings)) / rate_hz, (Diagnostic("unreliable-stamps", message),)
 
 
-def _list_warnings(pings: tuple[Ping, ...], elevation_aperture_deg: float | None) -> tuple[str, ...]:
-    warnings = []
+def _diagnose(pings: tuple[Ping, ...], elevation_aperture_deg: float | None) -> tuple[Diagnostic, ...]:
+    found = []
     steps_m = np.array([ping.range_step_m for ping in pings])
     if np.ptp(steps_m) > 0:
-        warnings.append(
-            f"the range resolution runs from {steps_m.min():.6g} to {steps_m.max():.6g} m; "
-            f"ranges take that of frame 0, {steps_m[0]:.6g} m"
+        message = (
+            f"the range resolution varies from {steps_m.min():.6g} to {steps_m.max():.6g} m; "
+            f"all ranges use that of frame 0, {steps_m[0]:.6g} m"
         )
+        found.append(Diagnostic("variable-range-resolution", message))
     mode = pings[0].master_mode
     if mode not in ELEVATION_APERTURE_DEG and elevation_aperture_deg is None:
-        warnings.append(
-            f"the frequency mode {mode} is not known: an elevation aperture of "
+        message = (
+            f"the frequency mode {mode} is unknown: an elevation aperture of "
             f"{ELEVATION_APERTURE_DEG[HIGH_FREQUENCY]:g} degrees is assumed"
         )
-    return tuple(warnings)
+        found.append(Diagnostic("assumed-aperture", message))
+    return tuple(found)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from asfm.diagnostics import Diagnostic
 from asfm.errors import AsfmError
 from asfm.geometry.poses import make_pose
 from asfm.simulation.sonars.parameters import MAX_CELLS, ImagingSonar, parse_sonar
@@ -48,7 +49,7 @@ class Scenario:
     sonar: ImagingSonar
     vehicle_from_sonar: FloatArray
     """(4, 4) from the sensor's location and rotation on the agent."""
-    warnings: tuple[str, ...] = ()
+    diagnostics: tuple[Diagnostic, ...] = ()
     """What of the scenario is not simulated."""
 
 
@@ -59,12 +60,13 @@ def read_scenario(path: Path) -> Scenario:
         AsfmError: no JSON, no imaging sonar, or a key or value of its configuration that is not HoloOcean's.
     """
     sensors = _list_sonars(path, _load(path))
-    sensor, warnings = sensors[0], []
+    sensor, diagnostics = sensors[0], list[Diagnostic]()
     if len(sensors) > 1:
-        warnings.append(f"{path} has {len(sensors)} imaging sonars: the first is simulated")
+        message = f"{path} has {len(sensors)} imaging sonars: the first is simulated"
+        diagnostics.append(Diagnostic("multiple-sonars", message))
     settings = {key: value for key, value in _mapping(path, sensor, "configuration").items() if key not in ENGINE_KEYS}
     if settings.pop("AzimuthStreaks", 0):
-        warnings.append(f"AzimuthStreaks of {path} is not simulated")
+        diagnostics.append(Diagnostic("unsupported-setting", f"AzimuthStreaks of {path} is not simulated"))
     _convert_resolutions(path, settings)
     _convert_noise(path, settings)
     settings = HOLOOCEAN_DEFAULTS | settings
@@ -72,7 +74,7 @@ def read_scenario(path: Path) -> Scenario:
         settings["rate_hz"] = _number(path, sensor["Hz"], "Hz", above_zero=True)
     if "name" not in settings:
         settings["name"] = str(sensor.get("sensor_name", "HoloOcean ImagingSonar"))
-    return Scenario(parse_sonar(settings, str(path)), _mount(path, sensor), tuple(warnings))
+    return Scenario(parse_sonar(settings, str(path)), _mount(path, sensor), tuple(diagnostics))
 
 
 def _load(path: Path) -> Any:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from asfm.backend.stretches import name_stretches
 
 from asfm.backend.diagnostics.observability import (
     find_unobserved_directions,
@@ -11,7 +12,6 @@ from asfm.backend.diagnostics.observability import (
     warn_of_unobserved_directions,
 )
 from asfm.backend.graph.marginal_covariance import Uncertainty
-from asfm.backend.stretches import name_stretches
 from asfm.config import BackendConfig
 from asfm.geometry.sonar import SonarModel
 from asfm.navigation.sensor_constraints import SensorConstraints, sensor_constraints
