@@ -104,6 +104,11 @@ class Keypoints:
     def __len__(self) -> int:
         return len(self.range_m)
 
+    @property
+    def range_bearing(self) -> FloatArray:
+        """(K, 2) range_m and bearing_rad."""
+        return np.stack([self.range_m, self.bearing_rad], axis=1)
+
     def without_patches(self) -> "Keypoints":
         """Give the same keypoints without their patches, which take most of the memory."""
         return replace(self, patches=self.patches[:0])
@@ -125,8 +130,6 @@ class Matches:
     """(R,) which of the filters."""
     filters: tuple[str, ...] = ()
     """Names of the filters that have judged, in their order."""
-    aligned: FloatArray | None = None
-    """(M, 2) range_m and bearing_rad at which frame_b shows what surrounds the keypoint of frame_a."""
     sigma: FloatArray | None = None
     """(M, 2) standard deviations of the keypoints' places in range_m and bearing_rad, as their surroundings say."""
 
@@ -141,7 +144,6 @@ class Matches:
             self,
             index=self.index[~which],
             cost=self.cost[~which],
-            aligned=None if self.aligned is None else self.aligned[~which],
             sigma=None if self.sigma is None else self.sigma[~which],
             rejected=np.concatenate([self.rejected, self.index[which].astype(np.int32)]),
             rejected_by=np.concatenate([self.rejected_by, number]),
@@ -152,6 +154,25 @@ class Matches:
         """Count what each filter rejected, by its name."""
         counts = np.bincount(self.rejected_by, minlength=len(self.filters)).tolist()
         return dict(zip(self.filters, counts, strict=True))
+
+
+@dataclass(frozen=True)
+class ExternalMatches:
+    """Keypoints and matches of a whole sequence, computed by another detector and matcher."""
+
+    keypoints: tuple[Keypoints, ...]
+    """One set a frame, without patches."""
+    matches: tuple[Matches, ...]
+    """frame_a precedes frame_b; at most one entry for each pair of frames."""
+
+    @property
+    def longest_gap(self) -> int:
+        """Largest frame gap between two matched frames; 0 without matches."""
+        return max((match.frame_b - match.frame_a for match in self.matches), default=0)
+
+    def with_previous(self, frame: int) -> list[Matches]:
+        """Return the matches of a frame with the frames before it, smallest gap first."""
+        return sorted((match for match in self.matches if match.frame_b == frame), key=lambda match: -match.frame_a)
 
 
 @dataclass(frozen=True)
@@ -167,7 +188,9 @@ class Tracks:
     bearing_rad: FloatArray
     """(O,)"""
     sigma: FloatArray | None = None
-    """(O, 2) standard deviations of range_m and bearing_rad; None where only the sonar's typical ones are known."""
+    """(O, 2) standard deviations of range_m and bearing_rad; None where only the sonar's default ones are known."""
+    keypoint: IntArray | None = None
+    """(O,) index of each observation's keypoint in its frame; None where the tracks were not made from keypoints."""
 
     def __len__(self) -> int:
         return len(self.track)
@@ -181,7 +204,23 @@ class Tracks:
             range_m=self.range_m[chosen],
             bearing_rad=self.bearing_rad[chosen],
             sigma=None if self.sigma is None else self.sigma[chosen],
+            keypoint=None if self.keypoint is None else self.keypoint[chosen],
         )
+
+    def by_frame(self, frame_count: int, chosen: BoolArray | None = None) -> list[IntArray]:
+        """Return the indices of each frame's observations, or of those of them that are (O,) chosen."""
+        order = np.argsort(self.frame, kind="stable")
+        if chosen is not None:
+            order = order[chosen[order]]
+        return np.split(order, np.searchsorted(self.frame[order], np.arange(1, frame_count)))
+
+    def frame_span(self, chosen: BoolArray | None = None) -> tuple[IntArray, IntArray]:
+        """Return the first and the last frame (T,) of each track's chosen (O,) observations; 0 and 0 without any."""
+        index = np.arange(len(self)) if chosen is None else np.flatnonzero(chosen)
+        track, begin, count = np.unique(self.track[index], return_index=True, return_counts=True)
+        first, last = np.zeros(self.count, dtype=np.int64), np.zeros(self.count, dtype=np.int64)
+        first[track], last[track] = self.frame[index[begin]], self.frame[index[begin + count - 1]]
+        return first, last
 
     @property
     def count(self) -> int:

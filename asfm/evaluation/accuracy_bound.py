@@ -15,8 +15,10 @@ from asfm.errors import AsfmError
 from asfm.evaluation.pose_error_table import SE3_ALIGNED, EvaluationRow, EvaluationTable
 from asfm.evaluation.trajectory import absolute_errors, align_se3, associate
 from asfm.evaluation.true_points import TruePoints, find_true_points, measure_noise
+from asfm.geometry.feature_noise import feature_sigma
 from asfm.geometry.poses import interpolate, invert, transform
-from asfm.geometry.sonar import SonarModel, feature_sigma
+from asfm.geometry.sonar import SonarModel
+from asfm.navigation.frame_navigation import read_navigation
 from asfm.sequence import Sequence
 from asfm.types import BoolArray, FloatArray, FrameTruth, Tracks, Trajectory
 
@@ -135,7 +137,9 @@ def _solve(
     from asfm.backend.initialisation.initial_poses import initialise_from_odometry, initialise_from_tracks
 
     assert tracks.sigma is not None
-    start = initialise_from_odometry(sequence, config) or initialise_from_tracks(sequence, tracks, config, rng)
+    navigation = read_navigation(sequence, config.backend)
+    start = initialise_from_odometry(navigation, sequence)
+    start = start or initialise_from_tracks(navigation, sequence, tracks, config, rng)
     start_from_true = start.world_from_vehicle[0] @ invert(world_from_vehicle[0])
     problem = BundleProblem(
         tracks=tracks,

@@ -1,52 +1,14 @@
-"""Gating: a match is possible only where its point lies near the elevation arc of the other frame's pixel."""
+"""Elevation arcs: the acoustic counterpart of epipolar lines, and distances of matches from them.
 
-from dataclasses import dataclass
-from functools import cached_property
+A pixel fixes range and bearing and leaves the elevation open. Its arc, seen from another frame, holds every place where
+a match can lie.
+"""
 
 import numpy as np
 
-from asfm.geometry.poses import invert
+from asfm.geometry.poses import wrap_angle
 from asfm.geometry.sonar import SonarModel, project
 from asfm.types import BoolArray, FloatArray
-
-
-@dataclass(frozen=True)
-class PosePrediction:
-    """Where each frame's sonar is thought to be before the images are looked at, and how surely."""
-
-    world_from_sonar: FloatArray
-    """(N, 4, 4)"""
-    step_rotation_rad: float
-    """Standard deviation of one step's rotation, each axis."""
-    step_translation_m: float
-    """Standard deviation of one step's translation, each axis."""
-
-    def relative_pose(self, frame_a: int, frame_b: int) -> FloatArray:
-        """Give the (4, 4) relative pose b_from_a of two frames' sonars."""
-        return np.asarray(self._sonar_from_world[frame_b] @ self.world_from_sonar[frame_a])
-
-    @cached_property
-    def _sonar_from_world(self) -> FloatArray:
-        return invert(self.world_from_sonar)
-
-    def predicted_sigma(self, frame_a: int, frame_b: int, range_m: FloatArray, sigma: FloatArray) -> FloatArray:
-        """Add the prediction's uncertainty to the noise of a point.
-
-        The errors of the steps are independent, so they grow with the square root of the gap. A translation shows in
-        the range, and in the bearing over the range; a rotation in the bearing.
-
-        Args:
-            range_m: (K,) ranges of points.
-            sigma: (2,) standard deviations of range_m and bearing_rad under exact poses.
-
-        Returns:
-            (K, 2) standard deviations of range_m and bearing_rad.
-        """
-        root = np.sqrt(abs(frame_b - frame_a))
-        shift_m, turn_rad = root * self.step_translation_m, root * self.step_rotation_rad
-        across_rad = shift_m / np.maximum(range_m, 1e-9)
-        bearing_rad = np.minimum(np.sqrt(sigma[1] ** 2 + turn_rad**2 + across_rad**2), np.pi)
-        return np.stack([np.full(len(range_m), np.hypot(sigma[0], shift_m)), bearing_rad], axis=1)
 
 
 def arc_residuals(
@@ -121,7 +83,7 @@ def project_arcs(sonar: SonarModel, b_from_a: FloatArray, pixel_a: FloatArray, c
     seen[..., 0] = np.sqrt(x * x + y * y + z * z)
     bearing_rad = np.arctan2(y, x)
     middle_rad = bearing_rad[:, count // 2, None]
-    seen[..., 1] = middle_rad + np.remainder(bearing_rad - middle_rad + np.pi, 2 * np.pi) - np.pi
+    seen[..., 1] = middle_rad + wrap_angle(bearing_rad - middle_rad)
     return seen
 
 

@@ -61,3 +61,33 @@ def interpolate(timestamps_s: FloatArray, pose: FloatArray, at_s: FloatArray) ->
     at_s = np.clip(at_s, timestamps_s[0], timestamps_s[-1])
     translation_m = np.stack([np.interp(at_s, timestamps_s, pose[:, axis, 3]) for axis in range(3)], axis=-1)
     return make_pose(translation_m, Slerp(timestamps_s, Rotation.from_matrix(pose[:, :3, :3]))(at_s))
+
+
+def steps_between(pose: FloatArray) -> FloatArray:
+    """Return the (N - 1, 4, 4) motions from each of (N, 4, 4) poses to the next, in the frame of the former."""
+    return np.asarray(invert(pose[:-1]) @ pose[1:])
+
+
+def chain_steps(first_pose: FloatArray, steps: FloatArray) -> FloatArray:
+    """Return the (N, 4, 4) poses that follow from the first one, (4, 4), and (N - 1, 4, 4) steps."""
+    poses = [first_pose]
+    for step in steps:
+        poses.append(poses[-1] @ step)
+    return np.stack(poses)
+
+
+def heading(pose: FloatArray) -> FloatArray:
+    """Return the heading (yaw) of (..., 4, 4) poses in radians, rotation = Rz(yaw) Ry(pitch) Rx(roll)."""
+    return np.asarray(np.arctan2(pose[..., 1, 0], pose[..., 0, 0]))
+
+
+def depth_roll_pitch(pose: FloatArray) -> FloatArray:
+    """Return (N, 3) z_m, roll_rad and pitch_rad of (N, 4, 4) poses; the roll is unwrapped along N."""
+    ahead, aside, up = pose[:, 2, :3].T
+    roll_rad = np.unwrap(np.arctan2(aside, up))
+    return np.stack([pose[:, 2, 3], roll_rad, np.arctan2(-ahead, np.hypot(aside, up))], axis=1)
+
+
+def wrap_angle(angle_rad: FloatArray) -> FloatArray:
+    """Wrap angles in radians to -pi (included) .. pi (excluded)."""
+    return np.asarray(np.remainder(angle_rad + np.pi, 2 * np.pi) - np.pi)

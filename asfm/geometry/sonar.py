@@ -9,7 +9,6 @@ from functools import cached_property
 
 import numpy as np
 
-from asfm.config import NoiseConfig
 from asfm.types import BoolArray, FloatArray
 
 
@@ -148,12 +147,6 @@ def project_jacobian(xyz_m: FloatArray) -> FloatArray:
         np.stack([-x * z / (horizontal * range2), -y * z / (horizontal * range2), horizontal / range2], axis=-1),
     ]
     return np.stack(rows, axis=-2)
-
-
-def feature_sigma(sonar: SonarModel, noise: NoiseConfig) -> FloatArray:
-    """Standard deviations (2,) of a feature's range_m and bearing_rad."""
-    bearing_rad = max(noise.bearing_beams * sonar.bearing_step_rad, np.deg2rad(noise.min_bearing_deg))
-    return np.array([noise.range_bins * sonar.range_step_m, bearing_rad])
 
 
 def _knots(centres: FloatArray, edges: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from asfm.config import BackendConfig
 from asfm.diagnostics import Diagnostic, format_runs, frame_runs
-from asfm.geometry.poses import interpolate
+from asfm.geometry.poses import depth_roll_pitch, interpolate
 from asfm.navigation.outlier_filter import find_outliers
 from asfm.sequence import Sequence
 from asfm.types import BoolArray, FloatArray, Navigation, Trajectory
@@ -63,13 +63,6 @@ def interpolate_depth_attitude(
 def stack_readings(navigation: Navigation) -> FloatArray:
     """Give the readings as (R, 3) z_m, roll_rad, pitch_rad; the roll runs on beyond half a turn."""
     return np.stack([navigation.z_m, np.unwrap(navigation.roll_rad), navigation.pitch_rad], axis=1)
-
-
-def depth_roll_pitch(world_from_vehicle: FloatArray) -> FloatArray:
-    """Give the (N, 3) z_m, roll_rad, pitch_rad of (N, 4, 4) poses; the roll runs on beyond half a turn."""
-    ahead, aside, up = world_from_vehicle[:, 2, :3].T
-    roll_rad = np.unwrap(np.arctan2(aside, up))
-    return np.stack([world_from_vehicle[:, 2, 3], roll_rad, np.arctan2(-ahead, np.hypot(aside, up))], axis=1)
 
 
 def frames_per_reading(stamps_s: FloatArray, at_s: FloatArray, all_s: FloatArray | None = None) -> FloatArray:

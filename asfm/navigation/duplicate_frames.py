@@ -6,8 +6,9 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from asfm.backend.initialisation.initial_poses import InitialPoses
 from asfm.diagnostics import Diagnostic, format_runs, frame_runs
+from asfm.geometry.poses import steps_between
+from asfm.navigation.odometry import Odometry
 from asfm.types import BoolArray, Keypoints, Matches
 
 FEWEST_KEYPOINTS = 10
@@ -26,7 +27,7 @@ def find_duplicate_frames(keypoints: Rows[Keypoints]) -> BoolArray:
 
 
 def drop_duplicate_frames(
-    keypoints: Rows[Keypoints], candidates: list[Matches], start: InitialPoses | None
+    keypoints: Rows[Keypoints], candidates: list[Matches], odometry: Odometry | None
 ) -> tuple[list[Matches], tuple[Diagnostic, ...]]:
     """Leave out the matches of repeated frames where odometry has moved meanwhile: they would say that it stood still.
 
@@ -36,9 +37,9 @@ def drop_duplicate_frames(
         The matches that remain, and a diagnostic where some were left out.
     """
     duplicates = find_duplicate_frames(keypoints)
-    if start is None or not duplicates.any():
+    if odometry is None or not duplicates.any():
         return candidates, ()
-    steps, sigma = start.sensors.steps, start.sensors.step_sigma
+    steps, sigma = steps_between(odometry.world_from_vehicle), odometry.step_sigma
     turn_rad = np.linalg.norm(Rotation.from_matrix(steps[:, :3, :3]).as_rotvec(), axis=1)
     shift_m = np.linalg.norm(steps[:, :3, 3], axis=1)
     squares = (turn_rad / sigma[:, 0]) ** 2 + (shift_m / sigma[:, 1]) ** 2

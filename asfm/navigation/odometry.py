@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from asfm.config import BackendConfig
 from asfm.diagnostics import Diagnostic, format_runs, frame_runs
-from asfm.geometry.poses import interpolate, invert, make_pose
+from asfm.geometry.poses import chain_steps, interpolate, make_pose, steps_between
 from asfm.navigation.depth_attitude import frames_per_reading
 from asfm.navigation.outlier_filter import FEWEST, MAD_TO_SIGMA, SIGMAS, running_median
 from asfm.sequence import Sequence
@@ -57,7 +57,7 @@ def _repair_jumps(odometry: Odometry, elapsed_s: FloatArray, noise: SensorNoise)
     poses = odometry.world_from_vehicle
     if len(poses) <= FEWEST:
         return odometry
-    steps = invert(poses[:-1]) @ poses[1:]
+    steps = steps_between(poses)
     turn_rad, shift_m = Rotation.from_matrix(steps[:, :3, :3]).as_rotvec(), steps[:, :3, 3].copy()
     pace = (elapsed_s / np.median(elapsed_s))[:, None]  # a step over lost pings is long, and no jump
     turns = _find_jumps(turn_rad / pace, noise.odometry_rotation_rad)
@@ -66,10 +66,8 @@ def _repair_jumps(odometry: Odometry, elapsed_s: FloatArray, noise: SensorNoise)
     if not jumps.any():
         return odometry
     steps[jumps] = make_pose((shifts[1] * pace)[jumps], Rotation.from_rotvec((turns[1] * pace)[jumps]))
-    chain = [poses[0]]
-    for step in steps:
-        chain.append(chain[-1] @ step)
-    repaired = make_pose(np.stack(chain)[:, :3, 3], Rotation.from_matrix(np.stack(chain)[:, :3, :3]))
+    chain = chain_steps(poses[0], steps)
+    repaired = make_pose(chain[:, :3, 3], Rotation.from_matrix(chain[:, :3, :3]))
     unknown = _unknown_step(turn_rad[~jumps], shift_m[~jumps])
     sigma = odometry.step_sigma.copy()
     sigma[jumps] = np.hypot(sigma[jumps], unknown * pace[jumps])
@@ -98,7 +96,7 @@ def _widen_gaps(odometry: Odometry, sequence: Sequence) -> Odometry:
     if not far.any():
         return odometry
     unknown = far[:-1] | far[1:]
-    steps = invert(odometry.world_from_vehicle[:-1]) @ odometry.world_from_vehicle[1:]
+    steps = steps_between(odometry.world_from_vehicle)
     known = steps[~unknown]
     typical = _unknown_step(Rotation.from_matrix(known[:, :3, :3]).as_rotvec(), known[:, :3, 3]) if len(known) else 0.0
     sigma = odometry.step_sigma.copy()

@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from asfm.config import Config
 from asfm.diagnostics import Diagnostic
-from asfm.geometry.poses import invert, make_pose
-from asfm.geometry.sonar import feature_sigma
-from asfm.navigation.depth_attitude import DepthAttitude, depth_roll_pitch
+from asfm.geometry.feature_noise import feature_sigma
+from asfm.geometry.poses import depth_roll_pitch, heading, invert, make_pose, steps_between
+from asfm.navigation.depth_attitude import DepthAttitude
 from asfm.navigation.odometry_hypotheses import (
     GIVEN,
     PointPairs,
@@ -190,7 +190,7 @@ def recompute_steps(
     return replace(
         sensors,
         first_pose=world_from_vehicle[0],
-        steps=invert(world_from_vehicle[:-1]) @ world_from_vehicle[1:],
+        steps=steps_between(world_from_vehicle),
         step_sigma=np.hypot(sensors.step_sigma, added),
         diagnostics=(*sensors.diagnostics, *diagnostics),
     )
@@ -198,7 +198,6 @@ def recompute_steps(
 
 def _with_depth_attitude(world_from_vehicle: FloatArray, z_roll_pitch: FloatArray) -> FloatArray:
     """Give poses the (N, 3) height, roll and pitch of readings, and leave heading and place."""
-    heading_rad = np.arctan2(world_from_vehicle[:, 1, 0], world_from_vehicle[:, 0, 0])
-    angles = np.stack([heading_rad, z_roll_pitch[:, 2], z_roll_pitch[:, 1]], axis=1)
+    angles = np.stack([heading(world_from_vehicle), z_roll_pitch[:, 2], z_roll_pitch[:, 1]], axis=1)
     place = np.concatenate([world_from_vehicle[:, :2, 3], z_roll_pitch[:, :1]], axis=1)
     return make_pose(place, Rotation.from_euler("ZYX", angles))

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asfm.geometry.planar_motion import estimate_planar_motion_msac
-from asfm.geometry.poses import invert, make_pose, transform
+from asfm.geometry.poses import heading, invert, make_pose, transform, wrap_angle
 from asfm.geometry.sonar import SonarModel, project
 from asfm.types import FloatArray, Keypoints, Matches
 
@@ -54,7 +54,7 @@ def collect_point_pairs(keypoints: Sequence[Keypoints], candidates: Iterable[Mat
             continue
         for frame in (matches.frame_a, matches.frame_b):
             if frame not in pixels:
-                pixels[frame] = np.stack([keypoints[frame].range_m, keypoints[frame].bearing_rad], axis=1)
+                pixels[frame] = keypoints[frame].range_bearing
         index = matches.index
         if BY_PREDICTION in matches.filters:
             index = np.concatenate(
@@ -91,8 +91,7 @@ def odometry_hypotheses(world_from_vehicle: FloatArray, vehicle_from_sonar: Floa
     proposals = {GIVEN: world_from_vehicle}
     for axis, name in enumerate("xyz"):
         proposals[f"with its {name} axis mirrored"] = make_pose(place * np.where(np.arange(3) == axis, -1, 1), rotation)
-    heading_rad = np.arctan2(world_from_vehicle[:, 1, 0], world_from_vehicle[:, 0, 0])
-    turned = Rotation.from_rotvec(np.outer(-2 * heading_rad, [0.0, 0.0, 1.0])) * rotation
+    turned = Rotation.from_rotvec(np.outer(-2 * heading(world_from_vehicle), [0.0, 0.0, 1.0])) * rotation
     proposals["with its heading mirrored"] = make_pose(place, turned)
     left = np.diag([1.0, -1.0, 1.0, 1.0])
     proposals["with port and starboard swapped"] = left @ world_from_vehicle @ left
@@ -112,7 +111,7 @@ def median_arc_distance_m(pair: PointPairs, world_from_sonar: FloatArray, sonar:
     arcs = transform(b_from_a, sonar.elevation_arc(pair.pixel_a[:, 0], pair.pixel_a[:, 1], ELEVATIONS))
     range_m, bearing_rad, _ = project(arcs)
     seen_m, seen_rad = pair.pixel_b[:, :1], pair.pixel_b[:, 1:]
-    turn_rad = np.remainder(bearing_rad - seen_rad + np.pi, 2 * np.pi) - np.pi
+    turn_rad = wrap_angle(bearing_rad - seen_rad)
     return float(np.median(np.hypot(range_m - seen_m, seen_m * turn_rad).min(axis=1)))
 
 

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asfm.diagnostics import Diagnostic
-from asfm.geometry.poses import invert, make_pose
-from asfm.navigation.depth_attitude import CHANNELS, UNITS, DepthAttitude, depth_roll_pitch
+from asfm.geometry.poses import depth_roll_pitch, heading, invert, make_pose, wrap_angle
+from asfm.navigation.depth_attitude import CHANNELS, UNITS, DepthAttitude
 from asfm.types import BoolArray, FloatArray, SensorNoise
 
 LAG = 8
@@ -67,7 +67,7 @@ def compare_odometry_attitude(
 
 def _changes(z_roll_pitch: FloatArray, lag: int) -> FloatArray:
     change = z_roll_pitch[lag:] - z_roll_pitch[:-lag]
-    change[:, 1] = np.remainder(change[:, 1] + np.pi, 2 * np.pi) - np.pi
+    change[:, 1] = wrap_angle(change[:, 1])
     return change
 
 
@@ -130,7 +130,7 @@ def align_initial_attitude(
         return world_from_vehicle, ()
     start = depth_roll_pitch(world_from_vehicle[known])
     away = np.median(depth_attitude.z_roll_pitch[known] - start, axis=0)
-    away[1:] = np.remainder(away[1:] + np.pi, 2 * np.pi) - np.pi
+    away[1:] = wrap_angle(away[1:])
     steps = np.sqrt(float(known[-1]) + 1)
     drift = steps * np.array([noise.odometry_translation_m, noise.odometry_rotation_rad, noise.odometry_rotation_rad])
     stated = np.array([noise.navigation_z_m, noise.navigation_roll_rad, noise.navigation_pitch_rad])
@@ -139,7 +139,7 @@ def align_initial_attitude(
         return world_from_vehicle, ()
     first = world_from_vehicle[0]
     z_m, roll_rad, pitch_rad = depth_roll_pitch(first[None])[0] + np.where(far, away, 0.0)
-    yaw_rad = np.arctan2(first[1, 0], first[0, 0])
+    yaw_rad = heading(first)
     placed = make_pose(np.array([*first[:2, 3], z_m]), Rotation.from_euler("ZYX", [yaw_rad, pitch_rad, roll_rad]))
     offsets = ", ".join(
         f"{scale * float(away[channel]):+.2g} {unit} of {CHANNELS[channel]}"

@@ -1,19 +1,20 @@
-"""What is known of the poses without the sonar: steps, depth and attitude at the frames' stamps."""
+"""Sensor constraints: odometry steps, depth and attitude as constraints on the poses at the frames."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from asfm.config import BackendConfig
 from asfm.diagnostics import Diagnostic
-from asfm.geometry.poses import invert, make_pose
-from asfm.navigation.depth_attitude import interpolate_depth_attitude
-from asfm.navigation.odometry import read_odometry
+from asfm.geometry.poses import make_pose, steps_between
+from asfm.navigation.depth_attitude import DepthAttitude
+from asfm.navigation.frame_navigation import FrameNavigation
 from asfm.sequence import Sequence
-from asfm.types import FloatArray, Trajectory
+from asfm.types import BoolArray, FloatArray, SensorNoise
 
 TIGHT = 1e-6
+UNRELIABLE_SIGMA_FACTOR = 2.0
+"""Sigmas of an odometry that was corrected for a fault, over those stated."""
 
 
 @dataclass(frozen=True)
@@ -37,46 +38,44 @@ class SensorConstraints:
     diagnostics: tuple[Diagnostic, ...] = ()
     """What is wrong with the readings."""
 
+    def known_steps(self, noise: SensorNoise) -> BoolArray:
+        """Return which (N - 1,) steps odometry measured about as well as its stated noise; none where it is a guess."""
+        if not self.measured:
+            return np.zeros(len(self.step_sigma), dtype=bool)
+        stated = np.array([noise.odometry_rotation_rad, noise.odometry_translation_m])
+        return np.asarray((self.step_sigma <= UNRELIABLE_SIGMA_FACTOR * stated).all(axis=1))
+
+    @property
+    def depth_attitude(self) -> DepthAttitude:
+        """Depth and attitude at the frames, without their diagnostics."""
+        return DepthAttitude(self.z_roll_pitch, self.z_roll_pitch_sigma)
+
     @property
     def typical_rotation_rad(self) -> float:
         """How uncertain a step's rotation is, in the median; 0 where there is no step."""
         return float(np.median(self.step_sigma[:, 0])) if len(self.step_sigma) else 0.0
 
 
-def odometry_at_frames(sequence: Sequence, config: BackendConfig) -> FloatArray | None:
-    """Interpolate the odometry at the frames' stamps: (N, 4, 4), or None where there is none or it is not wanted."""
-    odometry = read_odometry(sequence, config)
-    return None if odometry is None else odometry.world_from_vehicle
-
-
-def navigation_at_frames(sequence: Sequence, config: BackendConfig) -> FloatArray:
-    """Interpolate depth and attitude at the frames' stamps: (N, 3) z_m, roll_rad, pitch_rad; (0, 3) without."""
-    return interpolate_depth_attitude(sequence, config).z_roll_pitch
-
-
 def sensor_constraints(
     sequence: Sequence,
-    config: BackendConfig,
+    navigation: FrameNavigation,
     world_from_vehicle: FloatArray,
     step_sigma: FloatArray,
     measured: bool,
-    diagnostics: tuple[Diagnostic, ...] = (),
 ) -> SensorConstraints:
-    """Gather the constraints.
+    """Turn steps, depth and attitude into constraints between and on the poses.
 
     Args:
+        sequence: states the noise of its sensors.
+        navigation: depth and attitude at the frames.
         world_from_vehicle: (N, 4, 4) the odometry at the frames, or what stands in for it.
         step_sigma: (N - 1, 2) standard deviations of its steps' rotation in rad and translation in m.
         measured: whether it is odometry.
-        diagnostics: what is wrong with it.
     """
-    depth_attitude = interpolate_depth_attitude(
-        sequence, config, Trajectory(sequence.timestamps_s, world_from_vehicle) if measured else None
-    )
-    noise = sequence.noise
+    noise, readings = sequence.noise, navigation.depth_attitude
     angle_rad = float(np.hypot(noise.navigation_roll_rad, noise.navigation_pitch_rad) / np.sqrt(2))
     world_sigma = np.full(6, TIGHT)
-    if len(depth_attitude.sigma):
+    if len(readings.sigma):
         world_sigma[[0, 1, 5]] = angle_rad, angle_rad, noise.navigation_z_m
     rotation = np.zeros((6, 6))
     rotation[:3, :3] = rotation[3:, 3:] = world_from_vehicle[0, :3, :3].T
@@ -84,11 +83,11 @@ def sensor_constraints(
         first_pose=world_from_vehicle[0],
         first_covariance=rotation @ np.diag(world_sigma**2) @ rotation.T,
         measured=measured,
-        steps=invert(world_from_vehicle[:-1]) @ world_from_vehicle[1:],
+        steps=steps_between(world_from_vehicle),
         step_sigma=step_sigma,
-        z_roll_pitch=depth_attitude.z_roll_pitch,
-        z_roll_pitch_sigma=depth_attitude.sigma,
-        diagnostics=(*diagnostics, *depth_attitude.diagnostics),
+        z_roll_pitch=readings.z_roll_pitch,
+        z_roll_pitch_sigma=readings.sigma,
+        diagnostics=navigation.diagnostics,
     )
 
 

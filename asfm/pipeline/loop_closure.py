@@ -11,13 +11,13 @@ from asfm.backend.loops.loop_closure import close_loops
 from asfm.config import Config
 from asfm.frontend.features.keypoints import cut_keypoint_patches
 from asfm.frontend.loops.keypoint_tracks import KeypointTracks
-from asfm.frontend.loops.loop_verification import LoopCheck, arc_inlier_ratio, are_mutually_consistent, verify_loop
+from asfm.frontend.loops.loop_check import LoopCheck, are_mutually_consistent
+from asfm.frontend.loops.loop_verification import arc_inlier_ratio, verify_loop
 from asfm.frontend.loops.place_descriptor import describe_place, place_similarity
-from asfm.frontend.matching.filters import difference_sigma
 from asfm.frontend.matching.pair_matching import match_pairs
 from asfm.frontend.matching.patch_alignment import align_matches
-from asfm.geometry.elevation_arcs import PosePrediction
-from asfm.geometry.sonar import feature_sigma
+from asfm.geometry.feature_noise import difference_sigma, feature_sigma
+from asfm.navigation.pose_prediction import PosePrediction
 from asfm.sequence import Sequence
 from asfm.stages import StageReport
 from asfm.types import FloatArray, Keypoints, Matches, Tracks

@@ -1,17 +1,13 @@
-"""Acoustic structure from motion from end to end, as the paper's block diagram."""
+"""Reconstruction: acoustic structure from motion from images to trajectory and landmarks, as a block diagram."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from asfm.backend.ambiguity.mirror_ambiguity import choose_mirror, find_mirror, inflate_for_mirror, warn_of_mirror
+from asfm.backend.ambiguity.mirror_ambiguity import choose_mirror
 from asfm.backend.ambiguity.motion_prior import state_prior_covariance, widen_motion_prior
 from asfm.backend.ambiguity.partial_mirroring import correct_partial_mirroring
-from asfm.backend.diagnostics.connectivity import warn_of_disconnected_steps
-from asfm.backend.diagnostics.observability import SPAN, warn_of_unreliable_poses
-from asfm.backend.estimation.landmarks import describe_landmarks
 from asfm.backend.estimation.solution import Solution, solve_tracks
-from asfm.backend.graph.marginal_covariance import measure_uncertainty
 from asfm.backend.initialisation.initial_poses import (
     InitialPoses,
     initialise_from_odometry,
@@ -21,33 +17,34 @@ from asfm.backend.initialisation.initial_poses import (
 )
 from asfm.config import Config
 from asfm.diagnostics import Diagnostic
-from asfm.frontend.denoising.echo_mask import detect_echo_mask
-from asfm.frontend.features.keypoints import cut_keypoint_patches, detect_keypoints
-from asfm.frontend.matching.external_matches import ExternalMatches, filter_external_matches
-from asfm.frontend.matching.pair_matching import match_with_previous
-from asfm.frontend.matching.patch_alignment import align_matches
 from asfm.frontend.tracking.association import associate
 from asfm.frontend.tracking.guided_matching import add_matches, match_to_landmarks
 from asfm.frontend.tracking.track_builder import build_tracks, share_changed
 from asfm.frontend.tracking.triangulated_tracks import TriangulatedTracks
-from asfm.geometry.elevation_arcs import PosePrediction
 from asfm.navigation.duplicate_frames import drop_duplicate_frames
+from asfm.navigation.frame_navigation import FrameNavigation, read_navigation
 from asfm.navigation.odometry_hypotheses import collect_point_pairs
+from asfm.navigation.pose_prediction import predict_poses
+from asfm.pipeline.feature_matching import extract_matches
 from asfm.pipeline.loop_closure import find_loops
 from asfm.pipeline.self_calibration import apply_calibration, estimate_calibration
-from asfm.prefetch import prefetch_map
+from asfm.pipeline.summary import summarise
 from asfm.recorder import NullRecorder, Recorder
 from asfm.sequence import Sequence
 from asfm.stages import Progress, StageClock, StageReport, no_progress
-from asfm.types import BoolArray, Frame, Keypoints, Matches, Reconstruction, Trajectory
+from asfm.types import ExternalMatches, Keypoints, Matches, Reconstruction
 
 
 @dataclass(frozen=True)
 class Run:
-    """A reconstruction and what it took."""
+    """A reconstruction, the matches it was made from, and the time it took."""
 
     reconstruction: Reconstruction
     stages: tuple[StageReport, ...]
+    keypoints: tuple[Keypoints, ...]
+    """Of every frame, without patches."""
+    matches: tuple[Matches, ...]
+    """Of the frame pairs in the matching window, after the outlier filters; their (M, 2) indices are of keypoints."""
 
 
 def reconstruct(
@@ -55,114 +52,71 @@ def reconstruct(
     config: Config,
     recorder: Recorder | None = None,
     progress: Progress = no_progress,
-    given: ExternalMatches | None = None,
+    external: ExternalMatches | None = None,
 ) -> Run:
-    """Reconstruct trajectory and landmarks of a sequence.
+    """Reconstruct the trajectory and the landmarks of a sequence.
 
-    Images become keypoints and candidate matches once. Association and optimisation then alternate: better poses
-    allow a better choice of matches, and that better poses.
+    Images become keypoints and candidate matches once. Association and optimisation then alternate, as better poses
+    select better matches.
 
     Args:
-        sequence: frames and what navigation there is.
+        sequence: frames and their navigation, if any.
         config: every setting.
-        recorder: shown each stage; nothing is shown without one.
-        progress: told how far each stage is.
-        given: keypoints and matches computed elsewhere, which take the place of asfm's own; no others are added.
+        recorder: observer of the stages; none by default.
+        progress: called with the progress of each stage.
+        external: keypoints and matches computed elsewhere in place of asfm's own; no others are added.
 
     Raises:
         AsfmError: a frame cannot be read.
     """
     recorder = recorder or NullRecorder()
     clock = StageClock(progress)
-    if given is not None:  # what somebody else's matches are worth shall show: loops and growth would be asfm's own
-        loops = config.loops.model_copy(update={"enabled": False})
-        config = config.model_copy(update={"loops": loops, "tracks": config.tracks.model_copy(update={"window": 0})})
-    keypoints, candidates = extract_matches(sequence, config, recorder, clock, given)
-    calibrated, solution, diagnostics = estimate(sequence, keypoints, candidates, config, clock)
+    navigation = read_navigation(sequence, config.backend)
+    prediction = predict_poses(navigation, sequence)
+    keypoints, matches = extract_matches(sequence, config, recorder, clock, prediction, external)
+    calibrated, solution, diagnostics = estimate(
+        sequence, navigation, keypoints, matches, config, clock, may_add_matches=external is None
+    )
     reconstruction = summarise(calibrated, solution, config, clock, diagnostics)
     with clock.stage("record"):
         recorder.record_reconstruction(calibrated, reconstruction)
-    return Run(reconstruction, tuple(clock.reports))
-
-
-def extract_matches(
-    sequence: Sequence, config: Config, recorder: Recorder, clock: StageClock, given: ExternalMatches | None = None
-) -> tuple[list[Keypoints], list[Matches]]:
-    """Turn images into keypoints, and pairs of frames into candidate matches. Two images are in memory at a time."""
-
-    def look(frame: Frame) -> tuple[Frame, BoolArray, Keypoints]:
-        mask = detect_echo_mask(frame, config)
-        if given is None:
-            return frame, mask, detect_keypoints(frame, mask, sequence.sonar, config)
-        return frame, mask, cut_keypoint_patches(frame, given.keypoints[frame.index], sequence.sonar, config)
-
-    keypoints: list[Keypoints] = []
-    candidates: list[Matches] = []
-    predicted = predict_poses(sequence, config)
-    longest_gap = config.matching.max_gap if given is None else given.longest_gap
-    with clock.stage("front-end") as report:
-        for frame, mask, found in prefetch_map(look, sequence):
-            keypoints.append(found)
-            if given is None:
-                matches = match_with_previous(frame.index, keypoints, config, sequence.sonar, predicted)
-            else:
-                matches = filter_external_matches(given, frame.index, keypoints, config, sequence.sonar, predicted)
-            matches = align_matches(matches, keypoints, sequence.sonar, config)
-            candidates += matches
-            recorder.record_frame(frame, mask, keypoints[-1])
-            if matches:
-                recorder.record_matches(keypoints[matches[0].frame_a], keypoints[-1], matches[0])
-            _forget_patches(keypoints, frame.index - longest_gap)
-            clock.progress("front-end", frame.index + 1, len(sequence))
-        report.counts = {
-            "frames": len(sequence),
-            "keypoints": sum(len(frame) for frame in keypoints),
-            "matches": sum(len(match) for match in candidates),
-            **_count_rejected(candidates),
-        }
-    return keypoints, candidates
-
-
-def predict_poses(sequence: Sequence, config: Config) -> PosePrediction | None:
-    """Predict the sonar's poses from the odometry before the images are looked at; None without odometry."""
-    start = initialise_from_odometry(sequence, config)
-    if start is None:
-        return None
-    noise, lever_m = sequence.noise, float(np.linalg.norm(sequence.vehicle_from_sonar[:3, 3]))
-    return PosePrediction(
-        start.world_from_vehicle @ sequence.vehicle_from_sonar,
-        noise.odometry_rotation_rad,
-        float(np.hypot(noise.odometry_translation_m, lever_m * noise.odometry_rotation_rad)),
-    )
-
-
-def _count_rejected(candidates: list[Matches]) -> dict[str, int]:
-    """Count what each filter rejected over all pairs of frames."""
-    counts: dict[str, int] = {}
-    for matches in candidates:
-        for name, count in matches.count_rejected().items():
-            counts[f"rejected by {name}"] = counts.get(f"rejected by {name}", 0) + count
-    return counts
+    without_patches = tuple(frame.without_patches() for frame in keypoints)
+    return Run(reconstruction, tuple(clock.reports), without_patches, tuple(matches))
 
 
 def estimate(
-    sequence: Sequence, keypoints: list[Keypoints], candidates: list[Matches], config: Config, clock: StageClock
+    sequence: Sequence,
+    navigation: FrameNavigation,
+    keypoints: list[Keypoints],
+    candidates: list[Matches],
+    config: Config,
+    clock: StageClock,
+    may_add_matches: bool = True,
 ) -> tuple[Sequence, Solution, tuple[Diagnostic, ...]]:
-    """Find poses and points; once more with the mounting and the range bias corrected, where these are estimated.
+    """Estimate poses and points, and once more with corrected mounting and ranges where their estimation is requested.
+
+    Args:
+        sequence: gives sonar, lever arm and stated noise.
+        navigation: odometry, depth and attitude at the frames.
+        keypoints: those of every frame.
+        candidates: matches of pairs of frames.
+        config: every setting.
+        clock: times the stages.
+        may_add_matches: whether guided matching and loop closure may add matches.
 
     Returns:
-        The sequence, its lever arm corrected where that was asked for, the solution, and what is to be warned of.
+        The sequence with its lever arm corrected where that was requested, the solution, and the diagnostics.
     """
-    candidates, duplicates = drop_duplicate_frames(keypoints, candidates, initialise_from_odometry(sequence, config))
-    start = initialise(sequence, keypoints, candidates, config, clock)
-    solution = optimise(sequence, keypoints, candidates, start, config, clock)
+    candidates, duplicates = drop_duplicate_frames(keypoints, candidates, navigation.odometry)
+    start = initialise(sequence, navigation, keypoints, candidates, config, clock)
+    solution = optimise(sequence, keypoints, candidates, start, config, clock, may_add_matches)
     calibration = estimate_calibration(solution, config, clock)
     if calibration.sigma.any():
-        sequence, keypoints, candidates = apply_calibration(calibration, sequence, keypoints, candidates)
+        sequence, keypoints = apply_calibration(calibration, sequence, keypoints)
         start = replace(start, world_from_vehicle=solution.bundle.world_from_vehicle)
-        solution = optimise(sequence, keypoints, candidates, start, config, clock)
+        solution = optimise(sequence, keypoints, candidates, start, config, clock, may_add_matches)
     if not start.sensors.measured:
-        with clock.stage("relax"):
+        with clock.stage("ambiguity"):
             solution = correct_partial_mirroring(widen_motion_prior(solution, sequence, config), sequence, config)
             solution = choose_mirror(solution, config.backend.scene)
             solution = state_prior_covariance(solution, config.backend.motion_prior_factor)
@@ -170,18 +124,23 @@ def estimate(
 
 
 def initialise(
-    sequence: Sequence, keypoints: list[Keypoints], candidates: list[Matches], config: Config, clock: StageClock
+    sequence: Sequence,
+    navigation: FrameNavigation,
+    keypoints: list[Keypoints],
+    candidates: list[Matches],
+    config: Config,
+    clock: StageClock,
 ) -> InitialPoses:
-    """Start from odometry, or from a chain of planar motions where there is none."""
-    with clock.stage("start") as report:
+    """Initialise the poses from odometry, or from planar odometry of the tracks where there is none."""
+    with clock.stage("initialisation") as report:
         rng = np.random.default_rng(config.seed)
-        start = initialise_from_odometry(sequence, config)
+        start = initialise_from_odometry(navigation, sequence)
         if start is not None:
             start = verify_odometry(start, sequence, collect_point_pairs(keypoints, candidates), config, rng)
         if start is None or start.unreliable.any():
             tracks = build_tracks(keypoints, candidates)
             if start is None:
-                start = initialise_from_tracks(sequence, tracks, config, rng)
+                start = initialise_from_tracks(navigation, sequence, tracks, config, rng)
             else:
                 start = replace_unreliable_steps(start, sequence, tracks, rng)
             report.counts = {"tracks": tracks.count}
@@ -195,17 +154,18 @@ def optimise(
     start: InitialPoses,
     config: Config,
     clock: StageClock,
+    may_add_matches: bool = True,
 ) -> Solution:
-    """Alternate association and adjustment, until either changes little or the rounds are over.
+    """Alternate association and bundle adjustment until the observations hardly change or the rounds are used up.
 
-    Loops are looked for once poses are better than the start. From then on the points of each round say where tracks
-    should be seen that nothing was matched with, and tracks grow.
+    After the first round loops are closed. From then on the landmarks of each round guide the matching of frames in
+    which they should be seen, so tracks grow.
     """
-    poses, proposed = start.world_from_vehicle, list[Matches]()
+    poses, guided = start.world_from_vehicle, list[Matches]()
     before: Solution | None = None
     for number in range(config.backend.rounds):
         with clock.stage(f"round {number + 1}") as report:
-            matches = [*candidates, *proposed]
+            matches = [*candidates, *guided]
             tracks = associate(keypoints, matches, sequence.sonar, poses @ sequence.vehicle_from_sonar, config)
             solution = solve_tracks(tracks, sequence, poses, start.sensors, config, adjusted=number > 0)
             poses = solution.bundle.world_from_vehicle
@@ -214,8 +174,10 @@ def optimise(
         settled = before is not None and _share_changed(before, solution) < config.tracks.settled_share
         if settled or number + 1 == config.backend.rounds:
             break
-        before, proposed = solution, add_matches(proposed, _match_to_landmarks(solution, sequence, keypoints, config))
-        if number == 0 and config.loops.enabled:
+        before = solution
+        if may_add_matches:
+            guided = add_matches(guided, _match_to_landmarks(solution, sequence, keypoints, config))
+        if may_add_matches and number == 0 and config.loops.enabled:
             with clock.stage("loops") as report:
                 loops = find_loops(sequence, keypoints, solution, config, report)
             poses, candidates = loops.world_from_vehicle, candidates + loops.matches
@@ -229,43 +191,9 @@ def _share_changed(before: Solution, after: Solution) -> float:
 def _match_to_landmarks(
     solution: Solution, sequence: Sequence, keypoints: list[Keypoints], config: Config
 ) -> list[Matches]:
-    """Match keypoints with the points of a solution."""
     bundle = solution.bundle
     world_from_sonar = bundle.world_from_vehicle @ sequence.vehicle_from_sonar
-    solved = TriangulatedTracks(
+    triangulated = TriangulatedTracks(
         solution.tracks, keypoints, bundle.xyz_m, bundle.in_graph, world_from_sonar, sequence.sonar, config
     )
-    return match_to_landmarks(solved, config.tracks.window)
-
-
-def summarise(
-    sequence: Sequence, solution: Solution, config: Config, clock: StageClock, diagnostics: tuple[Diagnostic, ...] = ()
-) -> Reconstruction:
-    """Describe the landmarks and say what the poses rest on."""
-    with clock.stage("landmarks") as report:
-        uncertainty = measure_uncertainty(
-            solution.bundle, solution.elevation_information_ratio, min(SPAN, len(sequence) - 1)
-        )
-        mirror = find_mirror(solution, config.backend.scene)
-        stated = inflate_for_mirror(uncertainty, solution, mirror)
-        landmarks = describe_landmarks(solution, stated.point_m2, sequence, config)
-        report.counts = {"landmarks": len(landmarks), "well constrained": int(landmarks.well_constrained.sum())}
-    return Reconstruction(
-        trajectory=Trajectory(sequence.timestamps_s, solution.bundle.world_from_vehicle),
-        tracks=solution.tracks,
-        observed=solution.observed,
-        landmarks=landmarks,
-        pose_covariance=stated.pose,
-        diagnostics=(
-            *diagnostics,
-            *warn_of_disconnected_steps(sequence, solution, config),
-            *warn_of_mirror(uncertainty, solution.bundle, mirror),
-            *warn_of_unreliable_poses(solution, uncertainty),
-        ),
-    )
-
-
-def _forget_patches(keypoints: list[Keypoints], index: int) -> None:
-    """Let go of the patches of a frame that no later frame is matched with."""
-    if index >= 0:
-        keypoints[index] = keypoints[index].without_patches()
+    return match_to_landmarks(triangulated, config.tracks.window)

@@ -9,7 +9,7 @@ from asfm.backend.graph.self_calibration import Calibration, calibrate
 from asfm.config import Config
 from asfm.sequence import Sequence
 from asfm.stages import StageClock
-from asfm.types import Keypoints, Matches
+from asfm.types import Keypoints
 
 
 def estimate_calibration(solution: Solution, config: Config, clock: StageClock) -> Calibration:
@@ -23,13 +23,11 @@ def estimate_calibration(solution: Solution, config: Config, clock: StageClock) 
 
 
 def apply_calibration(
-    calibration: Calibration, sequence: Sequence, keypoints: list[Keypoints], candidates: list[Matches]
-) -> tuple[Sequence, list[Keypoints], list[Matches]]:
+    calibration: Calibration, sequence: Sequence, keypoints: list[Keypoints]
+) -> tuple[Sequence, list[Keypoints]]:
     """Correct the lever arm and every measured range."""
     bias_m = calibration.range_bias_m
-    shift = np.array([bias_m, 0.0])
     return (
         replace(sequence, vehicle_from_sonar=calibration.correct_mounting(sequence.vehicle_from_sonar)),
         [replace(frame, range_m=np.maximum(frame.range_m - bias_m, 1e-3)) for frame in keypoints],
-        [m if m.aligned is None else replace(m, aligned=m.aligned - shift) for m in candidates],
     )

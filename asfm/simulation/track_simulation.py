@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from asfm.config import NoiseConfig
+from asfm.geometry.feature_noise import feature_sigma
 from asfm.geometry.poses import invert, transform
-from asfm.geometry.sonar import SonarModel, back_project, feature_sigma, project
+from asfm.geometry.sonar import SonarModel, back_project, project
 from asfm.sequence import Sequence
 from asfm.simulation.simulate import SENSOR_NOISE
 from asfm.simulation.vehicle.sensors import SlowDrift, simulate_navigation, simulate_odometry

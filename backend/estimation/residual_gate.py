@@ -7,7 +7,7 @@ import numpy as np
 from asfm.backend.estimation.triangulation import Gate
 from asfm.backend.graph.aperture_bounds import EDGE_RAD
 from asfm.config import Config
-from asfm.geometry.sonar import feature_sigma
+from asfm.geometry.feature_noise import gate_sigma
 from asfm.navigation.sensor_constraints import SensorConstraints
 from asfm.sequence import Sequence
 from asfm.types import FloatArray, Tracks
@@ -27,8 +27,7 @@ class ResidualGate:
 
 def make_residual_gate(tracks: Tracks, sequence: Sequence, sensors: SensorConstraints, config: Config) -> ResidualGate:
     """Take the observations' sigmas, at least the typical ones, and a gate around the beam's edge."""
-    typical = np.tile(feature_sigma(sequence.sonar, config.noise), (len(tracks), 1))
-    sigma = typical if tracks.sigma is None else np.maximum(tracks.sigma, typical)
+    sigma = gate_sigma(tracks, sequence.sonar, config.noise)
     edge_rad = float(np.hypot(EDGE_RAD, sensors.typical_rotation_rad))
     slack = MEASURED_SLACK if sensors.measured else GUESSED_SLACK
     return ResidualGate(sigma * slack, Gate(sequence.sonar.elevation_aperture_rad / 2, edge_rad))

@@ -12,7 +12,7 @@ from asfm.backend.estimation.triangulation import triangulate_tracks
 from asfm.backend.graph.bundle_adjustment import Bundle, adjust_bundle
 from asfm.backend.graph.problem import BundleProblem
 from asfm.config import Config
-from asfm.geometry.sonar import feature_sigma
+from asfm.geometry.feature_noise import observation_sigma
 from asfm.navigation.sensor_constraints import SensorConstraints
 from asfm.sequence import Sequence
 from asfm.types import BoolArray, FloatArray, IntArray, Tracks
@@ -50,9 +50,7 @@ def solve_tracks(
         config: sections ``tracks``, ``noise`` and ``backend``.
         adjusted: the poses are those of an adjustment, not yet those of the odometry.
     """
-    sigma = tracks.sigma
-    if sigma is None:
-        sigma = np.tile(feature_sigma(sequence.sonar, config.noise), (len(tracks), 1))
+    sigma = observation_sigma(tracks, sequence.sonar, config.noise)
     residual_gate = make_residual_gate(tracks, sequence, sensors, config)
     world_from_sonar = world_from_vehicle @ sequence.vehicle_from_sonar
     found = triangulate_tracks(tracks, world_from_sonar, sequence.sonar, residual_gate.sigma, residual_gate.gate)

@@ -7,9 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from asfm.backend.initialisation.planar_odometry import planar_odometry
 from asfm.config import Config
-from asfm.geometry.poses import invert, make_pose
-from asfm.navigation.depth_attitude import DepthAttitude, interpolate_depth_attitude
-from asfm.navigation.odometry import read_odometry
+from asfm.geometry.poses import chain_steps, make_pose, steps_between
+from asfm.navigation.frame_navigation import FrameNavigation
 from asfm.navigation.odometry_check import (
     OdometryTest,
     compare_odometry_hypotheses,
@@ -19,22 +18,18 @@ from asfm.navigation.odometry_check import (
     resolve_attitude_conflict,
 )
 from asfm.navigation.odometry_hypotheses import PointPairs, odometry_hypotheses, planar_inliers
-from asfm.navigation.sensor_consistency import align_initial_attitude, compare_odometry_attitude, estimate_time_offset
+from asfm.navigation.sensor_consistency import align_initial_attitude, estimate_time_offset
 from asfm.navigation.sensor_constraints import (
+    UNRELIABLE_SIGMA_FACTOR,
     SensorConstraints,
     level_pose,
-    navigation_at_frames,
     sensor_constraints,
 )
 from asfm.sequence import Sequence
-from asfm.types import BoolArray, FloatArray, Tracks, Trajectory
+from asfm.types import BoolArray, FloatArray, Tracks
 
 LEAST_STEP = (1e-3, 1e-3)
 """Floor of the motion prior's sigmas: rad, and metres per metre of range."""
-
-
-UNRELIABLE_SIGMA_FACTOR = 2.0
-"""Sigmas of an odometry whose fault was undone, over those stated."""
 
 
 @dataclass(frozen=True)
@@ -48,17 +43,13 @@ class InitialPoses:
     """(N - 1,) which steps of the initial poses are not worth starting from."""
 
 
-def initialise_from_odometry(sequence: Sequence, config: Config) -> InitialPoses | None:
-    """Start from the odometry, or give None where there is none or it is not wanted."""
-    odometry = read_odometry(sequence, config.backend)
+def initialise_from_odometry(navigation: FrameNavigation, sequence: Sequence) -> InitialPoses | None:
+    """Start from the odometry; None where there is none or it is not used."""
+    odometry = navigation.odometry
     if odometry is None:
         return None
-    poses, noise = odometry.world_from_vehicle, sequence.noise
-    depth_attitude = interpolate_depth_attitude(sequence, config.backend, Trajectory(sequence.timestamps_s, poses))
-    trusted = ~compare_odometry_attitude(poses, depth_attitude, noise).contradicts
-    poses, moved = align_initial_attitude(poses, depth_attitude, noise, trusted)
-    diagnostics = (*odometry.diagnostics, *moved)
-    sensors = sensor_constraints(sequence, config.backend, poses, odometry.step_sigma, True, diagnostics)
+    poses = odometry.world_from_vehicle
+    sensors = sensor_constraints(sequence, navigation, poses, odometry.step_sigma, measured=True)
     return InitialPoses(poses, sensors, odometry.unreliable)
 
 
@@ -70,7 +61,7 @@ def verify_odometry(
     agreed = planar_inliers(kept, rng)
     poses, sensors = start.world_from_vehicle, start.sensors
     test = compare_odometry_hypotheses(poses, sensors, agreed, sequence, config)
-    shift = estimate_time_offset(poses, DepthAttitude(sensors.z_roll_pitch, sensors.z_roll_pitch_sigma), sequence.noise)
+    shift = estimate_time_offset(poses, sensors.depth_attitude, sequence.noise)
     contradicted = test is not None and test.contradicted
     if not agreed or not (contradicted or shift):
         return InitialPoses(*resolve_attitude_conflict(poses, sensors, agreed, sequence), start.unreliable)
@@ -90,13 +81,13 @@ def _undo_fault(start: InitialPoses, test: OdometryTest, sequence: Sequence) -> 
     """Take odometry as it would be without the fault that explains the images, and believe it half as much."""
     sensors, lever = start.sensors, sequence.vehicle_from_sonar
     undone = odometry_hypotheses(start.world_from_vehicle, lever)[str(test.likely)]
-    depth_attitude = DepthAttitude(sensors.z_roll_pitch, sensors.z_roll_pitch_sigma)
+    depth_attitude = sensors.depth_attitude
     undone, _ = align_initial_attitude(undone, depth_attitude, sequence.noise, np.ones(3, dtype=bool))
     sigma = UNRELIABLE_SIGMA_FACTOR * sensors.step_sigma
     sensors = replace(
         sensors,
         first_pose=undone[0],
-        steps=invert(undone[:-1]) @ undone[1:],
+        steps=steps_between(undone),
         step_sigma=sigma,
         diagnostics=(*sensors.diagnostics, diagnose_odometry(test, np.median(sigma, axis=0))),
     )
@@ -113,34 +104,32 @@ def replace_unreliable_steps(
     """
     poses = start.world_from_vehicle
     chain, supported = planar_odometry(tracks, len(poses), poses[0], sequence.vehicle_from_sonar, rng)
-    steps = invert(poses[:-1]) @ poses[1:]
-    shown = invert(chain[:-1]) @ chain[1:]
-    steps = np.where((start.unreliable & supported[1:])[:, None, None], shown, steps)
-    mended = [poses[0]]
-    for step in steps:
-        mended.append(mended[-1] @ step)
-    rotation = Rotation.from_matrix(np.stack(mended)[:, :3, :3])
-    depth_attitude = DepthAttitude(start.sensors.z_roll_pitch, start.sensors.z_roll_pitch_sigma)
+    replaced = (start.unreliable & supported[1:])[:, None, None]
+    mended = chain_steps(poses[0], np.where(replaced, steps_between(chain), steps_between(poses)))
+    rotation = Rotation.from_matrix(mended[:, :3, :3])
+    depth_attitude = start.sensors.depth_attitude
     trusted = np.full(3, bool(start.unreliable.all()))
-    placed, _ = align_initial_attitude(
-        make_pose(np.stack(mended)[:, :3, 3], rotation), depth_attitude, sequence.noise, trusted
-    )
+    placed, _ = align_initial_attitude(make_pose(mended[:, :3, 3], rotation), depth_attitude, sequence.noise, trusted)
     return InitialPoses(placed, replace(start.sensors, first_pose=placed[0]), start.unreliable)
 
 
 def initialise_from_tracks(
-    sequence: Sequence, tracks: Tracks, config: Config, rng: np.random.Generator
+    navigation: FrameNavigation, sequence: Sequence, tracks: Tracks, config: Config, rng: np.random.Generator
 ) -> InitialPoses:
     """Start from planar motions between frames that share tracks.
 
-    The chain is not a measurement, it was made from the same tracks. What holds the poses where the tracks do not is
-    the prior that the vehicle moves little: each step is zero with a sigma of a few typical steps of the chain.
+    The planar odometry is not a measurement: it is made from the same tracks. Where the tracks do not constrain the
+    poses, the motion prior does: each step is zero with a sigma of a few typical steps of the planar odometry.
 
     Args:
+        navigation: depth and attitude at the frames.
+        sequence: gives the sonar and its lever arm.
         tracks: joined without knowledge of the poses.
+        config: section ``backend``.
+        rng: draws the trial motions.
     """
-    navigation = navigation_at_frames(sequence, config.backend)
-    first_pose = level_pose(navigation[0]) if len(navigation) else np.eye(4)
+    readings = navigation.depth_attitude.z_roll_pitch
+    first_pose = level_pose(readings[0]) if len(readings) else np.eye(4)
     poses, moved = planar_odometry(tracks, len(sequence), first_pose, sequence.vehicle_from_sonar, rng)
     farthest_m = float(sequence.sonar.range_edges_m[-1])
     sigma = config.backend.motion_prior_factor * np.maximum(
@@ -148,13 +137,13 @@ def initialise_from_tracks(
     )
     held = np.repeat(poses[:1], len(poses), axis=0)
     step_sigma = np.tile(sigma, (len(poses) - 1, 1))
-    sensors = sensor_constraints(sequence, config.backend, held, step_sigma, measured=False)
+    sensors = sensor_constraints(sequence, navigation, held, step_sigma, measured=False)
     return InitialPoses(poses, sensors, np.zeros(len(step_sigma), dtype=bool))
 
 
 def _typical_step(world_from_vehicle: FloatArray, moved: BoolArray) -> FloatArray:
     """Root mean square (2,) of the rotation in rad and translation in m, each axis, of the steps that moved."""
-    steps = (invert(world_from_vehicle[:-1]) @ world_from_vehicle[1:])[moved[1:]]
+    steps = steps_between(world_from_vehicle)[moved[1:]]
     if not len(steps):
         return np.zeros(2)
     rotation_rad = Rotation.from_matrix(steps[:, :3, :3]).as_rotvec()

@@ -44,7 +44,7 @@ def planar_odometry(
     supported = np.zeros(frame_count, dtype=bool)
     supported[0] = True
     xy = np.stack([tracks.range_m * np.cos(tracks.bearing_rad), tracks.range_m * np.sin(tracks.bearing_rad)], axis=1)
-    of_frame = _observations_by_frame(tracks, frame_count)
+    of_frame = tracks.by_frame(frame_count)
     for frame in range(1, frame_count):
         world_from_sonar[frame] = world_from_sonar[frame - 1]
         before = range(frame - 1, max(frame - 1 - MAX_GAP, -1), -1)
@@ -59,11 +59,6 @@ def planar_odometry(
                 supported[frame] = True
                 break
     return world_from_sonar @ invert(vehicle_from_sonar), supported
-
-
-def _observations_by_frame(tracks: Tracks, frame_count: int) -> list[IntArray]:
-    order = np.argsort(tracks.frame, kind="stable")
-    return np.split(order, np.searchsorted(tracks.frame[order], np.arange(1, frame_count)))
 
 
 def _shared(tracks: Tracks, a: IntArray, b: IntArray) -> tuple[IntArray, IntArray]:

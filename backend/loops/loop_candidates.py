@@ -6,7 +6,6 @@ import numpy as np
 
 from asfm.backend.estimation.solution import Solution
 from asfm.backend.graph.relative_covariance import joint_covariance, predict_sigma
-from asfm.backend.initialisation.initial_poses import UNRELIABLE_SIGMA_FACTOR
 from asfm.config import LoopsConfig
 from asfm.geometry.poses import invert, transform
 from asfm.geometry.sonar import SonarModel, back_project, project
@@ -138,15 +137,10 @@ def _number_pieces(solution: Solution, sequence: Sequence, least: int) -> IntArr
     """
     count, tracks, sensors = len(sequence), solution.tracks, solution.problem.sensors
     used = solution.observed & solution.bundle.in_graph[tracks.track]
-    first, last = np.full(tracks.count, count), np.zeros(tracks.count, dtype=np.int64)
-    np.minimum.at(first, tracks.track[used], tracks.frame[used])
-    np.maximum.at(last, tracks.track[used], tracks.frame[used])
-    long = last > first
-    change = np.bincount(first[long], minlength=count) - np.bincount(last[long], minlength=count)
+    first, last = tracks.frame_span(used)
+    change = np.bincount(first, minlength=count) - np.bincount(last, minlength=count)
     known = np.cumsum(change)[:-1] >= least
-    if sensors.measured:
-        stated = np.array([sequence.noise.odometry_rotation_rad, sequence.noise.odometry_translation_m])
-        known |= (sensors.step_sigma <= UNRELIABLE_SIGMA_FACTOR * stated).all(axis=1)
+    known |= sensors.known_steps(sequence.noise)
     return np.concatenate([[0], np.cumsum(~known)])
 
 

@@ -7,8 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from asfm.config import NoiseConfig
-from asfm.frontend.matching.filters import difference_sigma
-from asfm.frontend.tracking.track_builder import key_places, observations_by_frame
+from asfm.geometry.feature_noise import difference_sigma
 from asfm.geometry.sonar import SonarModel
 from asfm.types import BoolArray, IntArray, Keypoints, Matches, Tracks
 
@@ -29,14 +28,7 @@ class KeypointTracks:
 
     def find(self, frame: int, which: IntArray) -> IntArray:
         """Give the tracks (M,) of some keypoints of a frame; -1 where a keypoint has none."""
-        of_frame = self._by_frame[frame]
-        keys = key_places(self.tracks.range_m[of_frame], self.tracks.bearing_rad[of_frame])
-        order = np.argsort(keys)
-        wanted = key_places(self.keypoints[frame].range_m[which], self.keypoints[frame].bearing_rad[which])
-        if not len(keys):
-            return np.full(len(which), -1)
-        place = order[np.minimum(np.searchsorted(keys, wanted, sorter=order), len(keys) - 1)]
-        return np.where(keys[place] == wanted, self.tracks.track[of_frame[place]], -1)
+        return self._track_of_keypoint[frame][which]
 
     def share_conflicts(self, matches: Matches) -> float:
         """Tell which share of the matches joins two landmarks that some frame sees apart; 0 where nothing is known."""
@@ -62,8 +54,13 @@ class KeypointTracks:
         return bool(np.median(np.hypot(range_sigmas, bearing_sigmas)) > APART)
 
     @cached_property
-    def _by_frame(self) -> list[IntArray]:
-        return observations_by_frame(self.tracks, len(self.keypoints), self.observed)
+    def _track_of_keypoint(self) -> list[IntArray]:
+        """The track (K,) of each keypoint of each frame; -1 where it has none."""
+        assert self.tracks.keypoint is not None, "these tracks were made from keypoints"
+        found = [np.full(len(frame), -1, dtype=np.int64) for frame in self.keypoints]
+        for of_keypoint, observations in zip(found, self.tracks.by_frame(len(found), self.observed), strict=True):
+            of_keypoint[self.tracks.keypoint[observations]] = self.tracks.track[observations]
+        return found
 
     @cached_property
     def _start(self) -> IntArray:

@@ -1,72 +1,58 @@
-"""Keypoints and matches computed elsewhere, judged by the same filters as asfm's own."""
+"""Filtering of external matches: keypoints and matches computed elsewhere, checked by the same outlier filters."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from asfm.config import Config
-from asfm.frontend.matching.filters import FramePair, difference_sigma, filter_matches
+from asfm.frontend.matching.filter_chain import filter_pairs
+from asfm.frontend.matching.frame_pair import FramePair, predict_arcs
 from asfm.frontend.matching.nearest import NearestNeighbours
-from asfm.geometry.elevation_arcs import PosePrediction, project_arcs
 from asfm.geometry.sonar import SonarModel
-from asfm.types import Keypoints, Matches
+from asfm.navigation.pose_prediction import PosePrediction
+from asfm.types import ExternalMatches, Keypoints, Matches
 
-OF_DESCRIPTORS = ("mutual", "ratio")
-"""Filters that look at descriptors' distances: whoever matched has had that in hand."""
-
-
-@dataclass(frozen=True)
-class ExternalMatches:
-    """What somebody else's detector and matcher found in a whole sequence."""
-
-    keypoints: tuple[Keypoints, ...]
-    """One a frame, without patches."""
-    matches: tuple[Matches, ...]
-    """frame_a comes before frame_b; no two of one pair of frames."""
-
-    @property
-    def longest_gap(self) -> int:
-        """Largest number of frames between two that are matched; 0 without matches."""
-        return max((match.frame_b - match.frame_a for match in self.matches), default=0)
-
-    def with_previous(self, frame: int) -> list[Matches]:
-        """Give the matches of a frame with those before it, nearest first."""
-        return sorted((match for match in self.matches if match.frame_b == frame), key=lambda match: -match.frame_a)
+DESCRIPTOR_FILTERS = ("mutual", "ratio")
+"""Filters on descriptor distances, which an external matcher has applied or chosen not to."""
 
 
 def filter_external_matches(
-    correspondences: ExternalMatches,
+    external: ExternalMatches,
     frame: int,
     keypoints: Sequence[Keypoints],
     config: Config,
     sonar: SonarModel,
-    predicted: PosePrediction | None = None,
+    prediction: PosePrediction | None = None,
 ) -> list[Matches]:
-    """Let the filters of ``matching.filters`` judge the matches of a frame with those before it, nearest first.
+    """Filter the external matches of a frame with the frames before it, smallest gap first.
 
-    The filters that look at descriptors, mutual and ratio, are left out. A match's own cost takes the place of its
-    ratio.
+    The filters of ``matching.filters`` apply, except those on descriptor distances (mutual, ratio). The matcher's own
+    cost takes the place of the ratio.
 
     Args:
+        external: keypoints and matches of the whole sequence.
         frame: the later frame of each pair.
         keypoints: those of frames 0..frame, with their patches.
+        config: section ``matching`` and the filters' own.
         sonar: the pixel grid.
-        predicted: the arc filter passes everything without.
+        prediction: poses before the images are read; without it the arc filter passes every match.
     """
-    filters = tuple(name for name in config.matching.filters if name not in OF_DESCRIPTORS)
-    config = config.model_copy(update={"matching": config.matching.model_copy(update={"filters": filters})})
-    judged = []
-    for match in correspondences.with_previous(frame):
-        a, b = keypoints[match.frame_a], keypoints[match.frame_b]
-        nearest = NearestNeighbours(match.index, match.cost, np.ones(len(match), dtype=bool))
-        pair = FramePair(a, b, nearest, sonar)
-        if predicted is not None:
-            sigma = predicted.predicted_sigma(
-                match.frame_a, match.frame_b, a.range_m, difference_sigma(sonar, config.noise)
-            )
-            pixel_a = np.stack([a.range_m, a.bearing_rad], axis=1)
-            arcs = project_arcs(sonar, predicted.relative_pose(match.frame_a, match.frame_b), pixel_a)
-            pair = FramePair(a, b, nearest, sonar, arcs, sigma)
-        judged.append(filter_matches(pair, match.frame_a, match.frame_b, config))
-    return judged
+    matches = external.with_previous(frame)
+    pairs = [_make_pair(match, keypoints, sonar, prediction, config) for match in matches]
+    filters = [name for name in config.matching.filters if name not in DESCRIPTOR_FILTERS]
+    return filter_pairs(pairs, [(match.frame_a, match.frame_b) for match in matches], filters, config)
+
+
+def _make_pair(
+    match: Matches,
+    keypoints: Sequence[Keypoints],
+    sonar: SonarModel,
+    prediction: PosePrediction | None,
+    config: Config,
+) -> FramePair:
+    a, b = keypoints[match.frame_a], keypoints[match.frame_b]
+    nearest = NearestNeighbours(match.index, match.cost, np.ones(len(match), dtype=bool))
+    if prediction is None:
+        return FramePair(a, b, nearest, sonar)
+    arcs, sigma = predict_arcs((match.frame_a, match.frame_b), a, sonar, prediction, config.noise)
+    return FramePair(a, b, nearest, sonar, arcs, sigma)

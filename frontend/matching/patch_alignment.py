@@ -71,23 +71,22 @@ def align_matches(
     """
     image_warp, settings = make_image_warp(sonar, config.keypoints), config.localisation
     filled = [number for number, match in enumerate(matches) if len(match)]
-    aligned = list(matches)
+    localised = list(matches)
     if not filled or not settings.radius_px:
-        return aligned
+        return localised
     sides = [_gather(matches[number], keypoints, image_warp, settings.radius_px) for number in filled]
     patches_a, patches_b, xy_a_px, xy_b_px = (np.concatenate(parts) for parts in zip(*sides, strict=True))
     shift, covariance = align_patches(patches_a, patches_b, _noise_area(config))
     moved = shift[:, ::-1] + (xy_a_px - np.floor(xy_a_px)) - (xy_b_px - np.floor(xy_b_px))
     near = np.hypot(*moved.T) <= FAR_PX
-    moved = np.where(near[:, None], moved, 0.0)
     floor_px = settings.floor_px or DETECTORS[config.keypoints.detector].floor_px
     covariance = settings.sigma_scale**2 * covariance[:, ::-1, ::-1] + floor_px**2 * np.eye(2)
-    place, sigma = _measure_in_polar(xy_b_px, moved, covariance, image_warp, sonar)
+    sigma = _polar_sigma(xy_b_px, covariance, image_warp, sonar)
     unlocalised = ~near | (np.sqrt(np.linalg.eigvalsh(covariance)[:, -1]) > settings.max_sigma_px)
     ends = np.cumsum([len(matches[number]) for number in filled])[:-1]
-    for number, *parts in zip(filled, *(np.split(value, ends) for value in (place, sigma, unlocalised)), strict=True):
-        aligned[number] = replace(matches[number], aligned=parts[0], sigma=parts[1]).reject(parts[2], "unlocalised")
-    return aligned
+    for number, part, bad in zip(filled, np.split(sigma, ends), np.split(unlocalised, ends), strict=True):
+        localised[number] = replace(matches[number], sigma=part).reject(bad, "unlocalised")
+    return localised
 
 
 def _gather(
@@ -121,22 +120,19 @@ def _noise_area(config: Config) -> float:
     return float(max(1.0, 4 * np.pi * config.keypoints.smoothing_px**2))
 
 
-def _measure_in_polar(
-    xy_px: FloatArray, moved_px: FloatArray, covariance: FloatArray, image_warp: ImageWarp, sonar: SonarModel
-) -> tuple[FloatArray, FloatArray]:
-    """Turn places (M, 2) of the picture, moved, and their (M, 2, 2) covariance into range_m and bearing_rad.
-
-    Returns:
-        (M, 2) range_m and bearing_rad, (M, 2) their standard deviations.
-    """
-    centre = _see(xy_px + moved_px, image_warp, sonar)
+def _polar_sigma(xy_px: FloatArray, covariance: FloatArray, image_warp: ImageWarp, sonar: SonarModel) -> FloatArray:
+    """Return (M, 2) sigmas of range_m and bearing_rad at (M, 2) pixels with (M, 2, 2) covariances."""
     slopes = np.stack(
-        [_see(xy_px + step, image_warp, sonar) - _see(xy_px - step, image_warp, sonar) for step in np.eye(2) / 2], 2
+        [
+            _to_polar(xy_px + step, image_warp, sonar) - _to_polar(xy_px - step, image_warp, sonar)
+            for step in np.eye(2) / 2
+        ],
+        axis=2,
     )
-    spread = np.einsum("mij,mjk,mik->mi", slopes, covariance, slopes)
-    return centre, np.sqrt(np.maximum(spread, 0))
+    variance = np.einsum("mij,mjk,mik->mi", slopes, covariance, slopes)
+    return np.asarray(np.sqrt(np.maximum(variance, 0)))
 
 
-def _see(xy_px: FloatArray, image_warp: ImageWarp, sonar: SonarModel) -> FloatArray:
+def _to_polar(xy_px: FloatArray, image_warp: ImageWarp, sonar: SonarModel) -> FloatArray:
     row, column = image_warp.to_polar(xy_px).T
     return np.stack([sonar.range_at_row(row), sonar.bearing_at_column(column)], axis=1)

@@ -8,8 +8,9 @@ import numpy as np
 from asfm.config import Config
 from asfm.frontend.tracking.track_builder import build_tracks
 from asfm.geometry.elevation_arcs import arc_residuals
+from asfm.geometry.feature_noise import difference_sigma
 from asfm.geometry.poses import invert
-from asfm.geometry.sonar import SonarModel, feature_sigma
+from asfm.geometry.sonar import SonarModel
 from asfm.types import FloatArray, Keypoints, Matches, Tracks
 
 
@@ -34,8 +35,8 @@ def associate(
     matches = [match for match in candidates if len(match)]
     if not matches:
         return build_tracks(keypoints, [], config.tracks.min_views)
-    sigma = feature_sigma(sonar, config.noise) * np.sqrt(2.0)
-    pixels = [np.stack([frame.range_m, frame.bearing_rad], axis=1) for frame in keypoints]
+    sigma = difference_sigma(sonar, config.noise)
+    pixels = [frame.range_bearing for frame in keypoints]
     residual = [_match_residuals(pixels, match, sonar, world_from_sonar, sigma) for match in matches]
     loop_gap = config.matching.max_gap + 1
     gap = np.array([min(match.frame_b - match.frame_a, loop_gap) for match in matches])

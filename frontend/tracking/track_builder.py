@@ -34,6 +34,7 @@ def build_tracks(keypoints: Sequence[Keypoints], matches: Sequence[Matches], min
         range_m=_gather([frame.range_m for frame in keypoints])[node],
         bearing_rad=_gather([frame.bearing_rad for frame in keypoints])[node],
         sigma=None if sigma is None else sigma[node],
+        keypoint=node - offset[frame_of[node]],
     )
 
 
@@ -46,29 +47,16 @@ def share_changed(before: Tracks, used_before: BoolArray, after: Tracks, used_af
         before, after: tracks of two rounds.
         used_before, used_after: (O,) their observations that entered the graph.
     """
-    places = [_places(before, used_before), _places(after, used_after)]
+    places = [_used_keypoints(before, used_before), _used_keypoints(after, used_after)]
     either = len(np.unique(np.concatenate(places), axis=0))
     both = len(places[0]) + len(places[1]) - either
     return (either - both) / either if either else 0.0
 
 
-def observations_by_frame(tracks: Tracks, frame_count: int, chosen: BoolArray | None = None) -> list[IntArray]:
-    """List the observations of each frame, those of them that are (O,) chosen."""
-    order = np.argsort(tracks.frame, kind="stable")
-    if chosen is not None:
-        order = order[chosen[order]]
-    return np.split(order, np.searchsorted(tracks.frame[order], np.arange(1, frame_count)))
-
-
-def key_places(range_m: FloatArray, bearing_rad: FloatArray) -> FloatArray:
-    """Give one number a place, to look keypoints up by: tracks hold the very numbers of their keypoints."""
-    return np.asarray(range_m + 1e3 * np.pi * bearing_rad)
-
-
-def _places(tracks: Tracks, used: BoolArray) -> FloatArray:
-    """Give the frame, range and bearing of the observations used, each once."""
-    table = np.stack([tracks.frame[used].astype(float), tracks.range_m[used], tracks.bearing_rad[used]], axis=1)
-    return np.unique(table, axis=0)
+def _used_keypoints(tracks: Tracks, used: BoolArray) -> IntArray:
+    """Return the (K, 2) frame and keypoint of the observations used, each once."""
+    assert tracks.keypoint is not None, "these tracks were made from keypoints"
+    return np.unique(np.stack([tracks.frame[used], tracks.keypoint[used]], axis=1), axis=0)
 
 
 def _gather_sigma(matches: Sequence[Matches], count: int, offset: IntArray) -> FloatArray | None:

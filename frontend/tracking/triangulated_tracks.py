@@ -7,9 +7,9 @@ from functools import cached_property
 import numpy as np
 
 from asfm.config import Config
-from asfm.frontend.tracking.track_builder import key_places, observations_by_frame
+from asfm.geometry.feature_noise import feature_sigma, gate_sigma
 from asfm.geometry.poses import invert, transform
-from asfm.geometry.sonar import SonarModel, feature_sigma, project, project_jacobian
+from asfm.geometry.sonar import SonarModel, project, project_jacobian
 from asfm.types import BoolArray, FloatArray, IntArray, Keypoints, Tracks
 
 WIDENED = 1.2
@@ -46,29 +46,18 @@ class TriangulatedTracks:
     @cached_property
     def sigma(self) -> FloatArray:
         """(O, 2) standard deviations of the observations' range_m and bearing_rad, at least the typical ones."""
-        stated = self.tracks.sigma
-        return (
-            np.tile(self.default_sigma, (len(self.tracks), 1))
-            if stated is None
-            else np.maximum(stated, self.default_sigma)
-        )
+        return gate_sigma(self.tracks, self.sonar, self.config.noise)
 
-    @cached_property
+    @property
     def keypoint(self) -> IntArray:
-        """(O,) number of each observation's keypoint in its frame: tracks hold the very numbers of their keypoints."""
-        found = np.empty(len(self.tracks), dtype=np.int64)
-        for frame, of_frame in enumerate(self.by_frame):
-            here = self.keypoints[frame]
-            keys = key_places(here.range_m, here.bearing_rad)
-            order = np.argsort(keys, kind="stable")
-            wanted = key_places(self.tracks.range_m[of_frame], self.tracks.bearing_rad[of_frame])
-            found[of_frame] = order[np.searchsorted(keys, wanted, sorter=order)] if len(wanted) else 0
-        return found
+        """(O,) index of each observation's keypoint in its frame."""
+        assert self.tracks.keypoint is not None, "these tracks were made from keypoints"
+        return self.tracks.keypoint
 
     @cached_property
     def by_frame(self) -> list[IntArray]:
         """The observations of each frame."""
-        return observations_by_frame(self.tracks, len(self.keypoints))
+        return self.tracks.by_frame(len(self.keypoints))
 
     @cached_property
     def _seen(self) -> FloatArray:

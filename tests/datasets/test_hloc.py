@@ -16,14 +16,13 @@ from asfm.datasets.hloc.features_matches import read_hloc, write_hloc
 from asfm.datasets.hloc.image_names import ImageNames, name_images
 from asfm.datasets.native.writer import write_native
 from asfm.errors import AsfmError
-from asfm.frontend.matching.external_matches import ExternalMatches
 from asfm.geometry.sonar import SonarModel
 from asfm.pipeline.reconstruction import extract_matches, reconstruct
 from asfm.recorder import NullRecorder
 from asfm.sequence import Sequence
 from asfm.simulation.simulate import simulate
 from asfm.stages import StageClock
-from asfm.types import Frame, Keypoints, Matches
+from asfm.types import ExternalMatches, Frame, Keypoints, Matches
 
 FRAMES = 8
 SHAPE = (40, 24)

@@ -6,14 +6,13 @@ import pytest
 from asfm.backend.estimation.solution import Solution
 from asfm.config import Config
 from asfm.config_file import load_config
-from asfm.frontend.matching.external_matches import ExternalMatches
 from asfm.frontend.tracking.triangulated_tracks import TriangulatedTracks
 from asfm.pipeline.reconstruction import extract_matches, initialise, optimise, reconstruct
 from asfm.recorder import NullRecorder
 from asfm.sequence import Sequence
 from asfm.simulation.simulate import simulate
 from asfm.stages import StageClock
-from asfm.types import Keypoints, Matches
+from asfm.types import ExternalMatches, Keypoints, Matches
 
 FRAMES = 8
 

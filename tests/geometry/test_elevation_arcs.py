@@ -7,9 +7,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from asfm.evaluation.arc_consistency import fits_arc
-from asfm.geometry.elevation_arcs import PosePrediction, arc_box_candidates, arc_residuals, project_arcs
+from asfm.geometry.elevation_arcs import arc_box_candidates, arc_residuals, project_arcs
 from asfm.geometry.poses import make_pose, transform
 from asfm.geometry.sonar import SonarModel, back_project, project
+from asfm.navigation.pose_prediction import PosePrediction
 from asfm.types import FloatArray
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.6, 0.6), (300, 128), 0.4)

@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from asfm.config import BackendConfig
-from asfm.geometry.poses import make_pose
+from asfm.geometry.poses import depth_roll_pitch, make_pose
 from asfm.geometry.sonar import SonarModel
-from asfm.navigation.depth_attitude import depth_roll_pitch, frames_per_reading, interpolate_depth_attitude, name_frames
+from asfm.navigation.depth_attitude import frames_per_reading, interpolate_depth_attitude, name_frames
 from asfm.navigation.outlier_filter import find_outliers
 from asfm.sequence import Sequence
 from asfm.simulation.vehicle.sensors import measure_tilt

@@ -15,9 +15,9 @@ from asfm.backend.initialisation.initial_poses import (
     verify_odometry,
 )
 from asfm.config import Config
-from asfm.geometry.poses import invert, make_pose, transform
+from asfm.geometry.poses import depth_roll_pitch, invert, make_pose, transform
 from asfm.geometry.sonar import SonarModel, project
-from asfm.navigation.depth_attitude import DepthAttitude, depth_roll_pitch
+from asfm.navigation.depth_attitude import DepthAttitude
 from asfm.navigation.duplicate_frames import drop_duplicate_frames, find_duplicate_frames
 from asfm.navigation.odometry_hypotheses import PointPairs, planar_inliers
 from asfm.navigation.sensor_consistency import align_initial_attitude, compare_odometry_attitude, estimate_time_offset

@@ -12,6 +12,7 @@ from asfm.backend.graph.marginal_covariance import measure_uncertainty
 from asfm.backend.initialisation.initial_poses import initialise_from_odometry
 from asfm.config import Config
 from asfm.evaluation.pose_error_table import evaluate_sequence
+from asfm.navigation.frame_navigation import read_navigation
 from asfm.simulation.track_simulation import make_floor
 from asfm.stages import peak_memory_mb
 from asfm.types import Trajectory
@@ -41,7 +42,7 @@ def measure_batch(
 ) -> Batch:
     """Solve the tracks of a long sequence in as many rounds as a run does, and describe the landmarks."""
     floor, config = make_floor(frames, observations, views, "transect", 5.0, navigation=True), Config()
-    start = initialise_from_odometry(floor.sequence, config)
+    start = initialise_from_odometry(read_navigation(floor.sequence, config.backend), floor.sequence)
     assert start is not None
     poses, rounds_s = start.world_from_vehicle, []
     for _ in range(config.backend.rounds):

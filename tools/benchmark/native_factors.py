@@ -18,7 +18,8 @@ from asfm.backend.graph.factors import (
 )
 from asfm.backend.graph.problem import FIRST_POINT, FIRST_POSE, BundleProblem
 from asfm.backend.initialisation.initial_poses import InitialPoses, initialise_from_odometry
-from asfm.config import Config
+from asfm.config import BackendConfig
+from asfm.navigation.frame_navigation import read_navigation
 from asfm.simulation.track_simulation import Floor, make_floor
 from asfm.types import FloatArray
 from tools.benchmark.frontend import Requirement
@@ -37,7 +38,7 @@ Factor = Callable[[int, int, float, float], Any]
 def compare_factors(frames: int = SMALL_FRAMES, points: int = SMALL_POINTS) -> Iterator[Requirement]:
     """Solve the same graph from the same start by native factors and by factors in Python."""
     floor = make_floor(frames, points, (max(frames // 2, 3), frames), "sway", 2.0, navigation=False)
-    start = initialise_from_odometry(floor.sequence, Config())
+    start = initialise_from_odometry(read_navigation(floor.sequence, BackendConfig()), floor.sequence)
     assert start is not None
     lever_arm = gtsam.Pose3(floor.sequence.vehicle_from_sonar)
     native: tuple[Factor, Factor] = (

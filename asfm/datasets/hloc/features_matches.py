@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from asfm.datasets.hloc.hdf5 import open_hdf5, read_array, walk_groups
 from asfm.datasets.hloc.image_names import ImageNames
 from asfm.errors import AsfmError
-from asfm.frontend.matching.external_matches import ExternalMatches
 from asfm.geometry.sonar import SonarModel
 from asfm.sequence import Sequence
-from asfm.types import Descriptors, FloatArray, Keypoints, Matches
+from asfm.types import Descriptors, ExternalMatches, FloatArray, Keypoints, Matches
 
 OUTSIDE_PX = 1.0
 """Detectors may place a keypoint this far outside the image; it is moved to the border."""

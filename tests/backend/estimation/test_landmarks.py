@@ -10,8 +10,9 @@ from asfm.backend.estimation.landmarks import describe_landmarks
 from asfm.backend.estimation.solution import Solution, solve_tracks
 from asfm.backend.graph.marginal_covariance import measure_uncertainty
 from asfm.config import BackendConfig, Config
+from asfm.geometry.feature_noise import feature_sigma
 from asfm.geometry.poses import invert, make_pose, transform
-from asfm.geometry.sonar import SonarModel, back_project, feature_sigma, project
+from asfm.geometry.sonar import SonarModel, back_project, project
 from asfm.navigation.sensor_constraints import sensor_constraints
 from asfm.sequence import Sequence
 from asfm.types import FloatArray, Frame, Landmarks, Tracks

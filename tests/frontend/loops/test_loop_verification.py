@@ -10,9 +10,9 @@ from asfm.config import Config
 from asfm.frontend.loops.keypoint_tracks import KeypointTracks
 from asfm.frontend.loops.loop_verification import LoopCheck, are_mutually_consistent, log_false_alarms, verify_loop
 from asfm.frontend.matching.pair_matching import match_pairs
-from asfm.geometry.elevation_arcs import PosePrediction
 from asfm.geometry.poses import invert, make_pose, transform
 from asfm.geometry.sonar import SonarModel, project
+from asfm.navigation.pose_prediction import PosePrediction
 from asfm.types import FloatArray, IntArray, Keypoints, Tracks
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.6, 0.6), (600, 256), np.deg2rad(20))

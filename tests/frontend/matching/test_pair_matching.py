@@ -8,9 +8,9 @@ from asfm.config import Config, MatchingConfig, SslConfig
 from asfm.frontend.matching.nearest import match_keypoints
 from asfm.frontend.matching.pair_matching import match_frames, match_pairs, match_with_previous
 from asfm.frontend.matching.ssl import structural_spatial_loss
-from asfm.geometry.elevation_arcs import PosePrediction
 from asfm.geometry.poses import make_pose, transform
 from asfm.geometry.sonar import SonarModel, back_project, project
+from asfm.navigation.pose_prediction import PosePrediction
 from asfm.types import FloatArray, IntArray, Keypoints, Matches
 
 COUNT, WIDTH = 30, 15

@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 from asfm.config import Config, TracksConfig
 from asfm.frontend.tracking.association import associate
 from asfm.frontend.tracking.track_builder import build_tracks
+from asfm.geometry.feature_noise import feature_sigma
 from asfm.geometry.poses import invert, make_pose, transform
-from asfm.geometry.sonar import SonarModel, back_project, feature_sigma, project
+from asfm.geometry.sonar import SonarModel, back_project, project
 from asfm.types import FloatArray, Keypoints, Matches, Tracks
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (600, 256), 0.35)

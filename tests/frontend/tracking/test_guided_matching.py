@@ -10,8 +10,9 @@ from asfm.config import Config
 from asfm.frontend.tracking.guided_matching import add_matches, match_to_landmarks
 from asfm.frontend.tracking.track_builder import build_tracks
 from asfm.frontend.tracking.triangulated_tracks import TriangulatedTracks, predict_observations
+from asfm.geometry.feature_noise import feature_sigma
 from asfm.geometry.poses import invert, make_pose, transform
-from asfm.geometry.sonar import SonarModel, back_project, feature_sigma, project
+from asfm.geometry.sonar import SonarModel, back_project, project
 from asfm.types import BoolArray, Descriptors, FloatArray, IntArray, Keypoints, Matches, Tracks
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (600, 256), 0.35)

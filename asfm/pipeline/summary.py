@@ -1,0 +1,52 @@
+"""Summary of a solution: landmarks, covariances and diagnostics of a reconstruction."""
+
+from asfm.backend.ambiguity.mirror_ambiguity import find_mirror, inflate_for_mirror, warn_of_mirror
+from asfm.backend.diagnostics.connectivity import warn_of_disconnected_steps
+from asfm.backend.diagnostics.observability import SPAN, warn_of_unreliable_poses
+from asfm.backend.estimation.landmarks import describe_landmarks
+from asfm.backend.estimation.solution import Solution
+from asfm.backend.graph.marginal_covariance import measure_uncertainty
+from asfm.config import Config
+from asfm.diagnostics import Diagnostic
+from asfm.sequence import Sequence
+from asfm.stages import StageClock
+from asfm.types import Reconstruction, Trajectory
+
+
+def summarise(
+    sequence: Sequence,
+    solution: Solution,
+    config: Config,
+    clock: StageClock,
+    diagnostics: tuple[Diagnostic, ...] = (),
+) -> Reconstruction:
+    """Summarise a solution: landmarks with covariances, covariances of the poses, and diagnostics.
+
+    Args:
+        sequence: the one that the solution is of.
+        solution: poses and points at the optimum.
+        config: sections ``backend`` and ``tracks``.
+        clock: times the stage.
+        diagnostics: those found before; the solution's own are added.
+    """
+    with clock.stage("landmarks") as report:
+        uncertainty = measure_uncertainty(
+            solution.bundle, solution.elevation_information_ratio, min(SPAN, len(sequence) - 1)
+        )
+        mirror = find_mirror(solution, config.backend.scene)
+        stated = inflate_for_mirror(uncertainty, solution, mirror)
+        landmarks = describe_landmarks(solution, stated.point_m2, sequence, config)
+        report.counts = {"landmarks": len(landmarks), "well constrained": int(landmarks.well_constrained.sum())}
+    return Reconstruction(
+        trajectory=Trajectory(sequence.timestamps_s, solution.bundle.world_from_vehicle),
+        tracks=solution.tracks,
+        observed=solution.observed,
+        landmarks=landmarks,
+        pose_covariance=stated.pose,
+        diagnostics=(
+            *diagnostics,
+            *warn_of_disconnected_steps(sequence, solution, config),
+            *warn_of_mirror(uncertainty, solution.bundle, mirror),
+            *warn_of_unreliable_poses(solution, uncertainty),
+        ),
+    )
