@@ -44,7 +44,7 @@ def _with_odometry(sequence: Sequence, poses: FloatArray) -> Sequence:
 
 
 def test_clean_navigation_has_no_warning(tank: Sequence, clean: Reconstruction) -> None:
-    assert clean.warnings == ()
+    assert clean.diagnostics == ()
     assert _error_m(clean, tank) < 0.03
 
 
@@ -64,15 +64,14 @@ def test_a_jump_wrong_readings_and_a_repeated_frame_at_once(tank: Sequence, clea
         read_frame=frames.__getitem__,
     )
     found = reconstruct(faulty, Config()).reconstruction
-    told = " | ".join(found.warnings)
-    for words in (
-        "odometry jumps by 1 m",
-        "between frames 12 and 13",
-        "1 of 20 readings of the depth",
-        "1 of 20 readings of the roll",
-        "1 of 20 frames (7) repeat",
+    for code, numbers in (
+        ("odometry-jump", "by 1 m"),
+        ("odometry-jump", "between frames 12 and 13"),
+        ("navigation-outliers", "1 of 20 depth readings"),
+        ("navigation-outliers", "1 of 20 roll readings"),
+        ("duplicate-frames", "1 of 20 frames (7)"),
     ):
-        assert words in told
+        assert any(item.code == code and numbers in item.message for item in found.diagnostics), (code, numbers)
     assert _error_m(found, tank) < 1.3 * _error_m(clean, tank) + 0.003
 
 
@@ -81,6 +80,6 @@ def test_mirrored_odometry_costs_little(tank: Sequence, clean: Reconstruction) -
     poses = tank.odometry.world_from_vehicle.copy()
     poses[:, 1, 3] *= -1
     found = reconstruct(_with_odometry(tank, poses), Config()).reconstruction
-    (sentence,) = found.warnings
-    assert sentence.startswith("odometry contradicts the images") and "y axis mirrored" in sentence
+    (conflict,) = found.diagnostics
+    assert conflict.code == "odometry-image-conflict" and "y axis mirrored" in conflict.message
     assert _error_m(found, tank) < 1.5 * _error_m(clean, tank) + 0.003

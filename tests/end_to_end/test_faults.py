@@ -276,15 +276,17 @@ def test_other_people_s_places_are_refused(tmp_path: Path, capsys: pytest.Captur
 def run_poor(
     capsys: pytest.CaptureFixture[str], root: Path, sequence: Sequence, *options: str
 ) -> tuple[FloatArray, list[str]]:
-    """Run a sequence that must end with a warning; gives the rows of its trajectory and the warnings."""
+    """Run a sequence that must end with a warning; give the rows of its trajectory and the codes of the warnings."""
     write_native(root / "sequence", sequence)
     code, message = run(capsys, "run", root / "sequence", "--output", root / "out", *options)
     assert code == 0 and "Traceback" not in message, message
     rows, report = read_results(root / "out", len(sequence))
     np.testing.assert_array_equal(rows[:, 0], sequence.timestamps_s)
-    assert report["warnings"], "poor data without a word"
-    assert all(f"warning: {text}" in message for text in report["warnings"])
-    return rows, report["warnings"]
+    assert report["warnings"], "poor data without a warning"
+    for found in report["warnings"]:
+        assert found.keys() == {"code", "message", "frames", "severity"}
+        assert f"warning: {found['message']} [{found['code']}]" in message
+    return rows, [found["code"] for found in report["warnings"]]
 
 
 @pytest.mark.parametrize("odometry", [False, True])

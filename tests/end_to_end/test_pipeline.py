@@ -66,13 +66,13 @@ def test_a_small_sequence_is_reconstructed(tank: Sequence, result: Reconstructio
     assert tank.groundtruth is not None and tank.odometry is not None
     _check_finite(result, FRAMES)
     np.testing.assert_array_equal(result.trajectory.timestamps_s, tank.timestamps_s)
-    assert len(result.landmarks) > 30 and result.warnings == ()
+    assert len(result.landmarks) > 30 and result.diagnostics == ()
     truth = tank.groundtruth.world_from_vehicle
     found_m, odometry_m = (
         _place_error_m(poses, truth)
         for poses in (result.trajectory.world_from_vehicle, tank.odometry.world_from_vehicle)
     )
-    assert found_m < 1.1 * odometry_m
+    assert found_m < 0.5 * odometry_m  # 0.21 to 0.36 over other seeds
 
 
 def test_same_input_same_bytes(tank: Sequence, result: Reconstruction) -> None:
@@ -116,7 +116,8 @@ def test_black_images_hold_the_identity_and_say_so(tank: Sequence, frame_count: 
     found = reconstruct(replace(black, odometry=None, navigation=None), Config()).reconstruction
     _check_finite(found, frame_count)
     np.testing.assert_allclose(found.trajectory.world_from_vehicle, np.tile(np.eye(4), (frame_count, 1, 1)), atol=1e-9)
-    assert len(found.landmarks) == 0 and len(found.warnings) == 1
+    assert len(found.landmarks) == 0
+    assert [item.code for item in found.diagnostics] == ["single-frame" if frame_count == 1 else "unsupported-steps"]
 
 
 @pytest.mark.parametrize("frame_count", [1, 5])
@@ -126,14 +127,14 @@ def test_black_images_hold_the_odometry_and_say_so(tank: Sequence, frame_count: 
     expected = odometry_at_frames(black, BackendConfig())
     assert expected is not None
     np.testing.assert_allclose(found.trajectory.world_from_vehicle, expected, atol=1e-6)
-    assert len(found.landmarks) == 0 and len(found.warnings) == 1
+    assert len(found.landmarks) == 0
+    assert [item.code for item in found.diagnostics] == ["single-frame" if frame_count == 1 else "unsupported-steps"]
 
 
 def test_one_frame_with_echoes_has_nothing_to_match(tank: Sequence) -> None:
     found = reconstruct(_with_frames(tank, list(tank)[:1]), Config()).reconstruction
     _check_finite(found, 1)
-    (sentence,) = found.warnings
-    assert "one frame" in sentence
+    assert [item.code for item in found.diagnostics] == ["single-frame"]
 
 
 @pytest.mark.parametrize("odometry", [True, False])
@@ -144,8 +145,9 @@ def test_black_frames_in_the_middle_are_named(tank: Sequence, odometry: bool) ->
     config = Config.model_validate({"matching": {"max_gap": 4}, "backend": {"rounds": 1}})
     found = reconstruct(gap, config).reconstruction
     _check_finite(found, FRAMES)
-    sentence = found.warnings[0]
-    assert "between frames 3-9" in sentence
+    assert found.diagnostics[0].code == "unsupported-steps"
+    assert found.diagnostics[0].frames == ((3, 9),)
+    assert "between frames 3-9" in found.diagnostics[0].message
     poses = found.trajectory.world_from_vehicle
     if odometry:
         expected = odometry_at_frames(gap, BackendConfig())
@@ -171,7 +173,7 @@ def test_one_image_again_and_again_leaves_every_elevation_open(tank: Sequence, s
 def test_one_black_frame_is_bridged(tank: Sequence) -> None:
     found = reconstruct(_with_frames(tank, _blank(list(tank), range(5, 6))), QUICK).reconstruction
     _check_finite(found, FRAMES)
-    assert found.warnings == ()
+    assert found.diagnostics == ()
     assert 5 not in found.tracks.frame
 
 

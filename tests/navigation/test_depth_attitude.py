@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from asfm.config import BackendConfig
 from asfm.geometry.poses import depth_roll_pitch, make_pose
 from asfm.geometry.sonar import SonarModel
-from asfm.navigation.depth_attitude import frames_per_reading, interpolate_depth_attitude, name_frames
+from asfm.navigation.depth_attitude import frames_per_reading, interpolate_depth_attitude
 from asfm.navigation.outlier_filter import find_outliers
 from asfm.sequence import Sequence
 from asfm.simulation.vehicle.sensors import measure_tilt
@@ -54,7 +54,7 @@ def spoil(sequence: Sequence, column: int, offsets: dict[int, float]) -> Sequenc
 def test_clean_readings_are_all_believed(seed: int) -> None:
     sequence = make_sequence(seed)
     levels = interpolate_depth_attitude(sequence, BackendConfig())
-    assert levels.warnings == ()
+    assert levels.diagnostics == ()
     assert sequence.navigation is not None
     np.testing.assert_array_equal(levels.z_roll_pitch[:, 0], sequence.navigation.z_m)
     np.testing.assert_allclose(levels.sigma, np.tile([0.01, 0.003, 0.003], (COUNT, 1)))
@@ -67,14 +67,19 @@ def test_single_wrong_depths_are_not_believed_and_told(where: dict[int, float]) 
     inner = np.isfinite(levels.sigma[:, 0])
     assert inner.sum() >= COUNT - 1
     assert np.abs(levels.z_roll_pitch[inner, 0] - truth[inner, 0]).max() < 0.08
-    (sentence,) = levels.warnings
-    assert f"{len(where)} of 60 readings of the depth" in sentence and "not believed" in sentence and " m " in sentence
+    (found,) = levels.diagnostics
+    assert found.code == "navigation-outliers"
+    assert (
+        f"{len(where)} of 60 depth readings" in found.message
+        and " m, where the stated sigma is 0.01 m" in found.message
+    )
 
 
 def test_wrong_attitude_leaves_the_depth_alone() -> None:
     levels = interpolate_depth_attitude(spoil(make_sequence(), 1, {30: np.deg2rad(20)}), BackendConfig())
-    (sentence,) = levels.warnings
-    assert "1 of 60 readings of the roll" in sentence and "deg" in sentence
+    (found,) = levels.diagnostics
+    assert found.code == "navigation-outliers"
+    assert "1 of 60 roll readings" in found.message and "sigma is 0.17 deg" in found.message
     assert levels.sigma[30, 1] == pytest.approx(0.003 * np.sqrt(2)), "its neighbours, twice as far apart, stand in"
     assert levels.sigma[30, 0] == pytest.approx(0.01)
 
@@ -84,8 +89,9 @@ def test_a_vehicle_that_really_jumps_is_believed_where_odometry_does_too() -> No
     place = np.zeros((COUNT, 3))
     place[[30, 31], 2] = 1.0
     odometry = Trajectory(sequence.timestamps_s, make_pose(place, Rotation.identity(COUNT)))
-    assert interpolate_depth_attitude(sequence, BackendConfig(), odometry).warnings == ()
-    assert len(interpolate_depth_attitude(sequence, BackendConfig()).warnings) == 1
+    assert interpolate_depth_attitude(sequence, BackendConfig(), odometry).diagnostics == ()
+    alone = interpolate_depth_attitude(sequence, BackendConfig())
+    assert [found.code for found in alone.diagnostics] == ["navigation-outliers"]
 
 
 def test_frames_in_a_gap_have_no_depth() -> None:
@@ -98,14 +104,16 @@ def test_frames_in_a_gap_have_no_depth() -> None:
     levels = interpolate_depth_attitude(replace(sequence, navigation=cut), BackendConfig())
     np.testing.assert_array_equal(np.isfinite(levels.sigma).all(axis=1), keep)
     assert np.isfinite(levels.z_roll_pitch).all()
-    (sentence,) = levels.warnings
-    assert "11 of 60 frames (30-40)" in sentence
+    (found,) = levels.diagnostics
+    assert found.code == "navigation-gap" and found.frames == ((30, 40),)
+    assert "11 of 60 frames (30-40)" in found.message
 
 
 def test_frames_outside_the_readings_time_have_no_depth() -> None:
     levels = interpolate_depth_attitude(make_sequence(offset_s=4.0), BackendConfig())
     assert np.flatnonzero(~np.isfinite(levels.sigma[:, 0])).tolist() == [*range(20), 59][:20]
-    assert "20 of 60 frames (0-19)" in levels.warnings[0]
+    found = levels.diagnostics[0]
+    assert found.code == "navigation-gap" and "20 of 60 frames (0-19)" in found.message
 
 
 def test_rare_readings_are_not_counted_more_often_than_they_were_made() -> None:
@@ -114,7 +122,7 @@ def test_rare_readings_are_not_counted_more_often_than_they_were_made() -> None:
     known = np.isfinite(levels.sigma[:, 0])
     information = float(np.sum(levels.sigma[known, 0] ** -2.0)) * 0.01**2
     assert 10 < information < 16
-    assert levels.warnings == () or "frames" in levels.warnings[0]
+    assert {found.code for found in levels.diagnostics} <= {"navigation-gap"}
 
 
 def test_sharing_counts() -> None:
@@ -148,9 +156,3 @@ def test_a_spike_on_a_slope_is_found_wherever_it_is(index: int) -> None:
     wrong, away = find_outliers(values, 0.01)
     assert np.flatnonzero(wrong[:, 0]).tolist() == [index]
     assert away[index, 0] == pytest.approx(3.0, abs=0.1)
-
-
-def test_runs_of_frames_are_named() -> None:
-    which = np.zeros(12, dtype=bool)
-    which[[0, 3, 4, 5, 9]] = True
-    assert name_frames(which) == "0, 3-5, 9"

@@ -49,7 +49,7 @@ def test_clean_odometry_is_untouched(seed: int) -> None:
     assert sequence.odometry is not None
     np.testing.assert_allclose(odometry.world_from_vehicle, sequence.odometry.world_from_vehicle, atol=1e-12)
     np.testing.assert_array_equal(odometry.step_sigma, np.tile([0.005, 0.02], (COUNT - 1, 1)))
-    assert odometry.warnings == () and not odometry.unreliable.any()
+    assert odometry.diagnostics == () and not odometry.unreliable.any()
 
 
 @pytest.mark.parametrize("step", [0, 1, 20, COUNT - 2])
@@ -65,12 +65,14 @@ def test_a_jump_is_taken_out_and_told(step: int, turned: bool) -> None:
     steps[step] = steps[step] @ jump
     odometry = read(make_sequence(steps))
     assert np.flatnonzero(odometry.unreliable).tolist() == [step]
-    (sentence,) = odometry.warnings
-    assert f"between frames {step} and {step + 1}" in sentence and "not believed" in sentence
-    assert ("1 m" in sentence) != turned
+    (found,) = odometry.diagnostics
+    assert found.code == "odometry-jump" and found.frames == ((step, step + 1),)
+    assert f"between frames {step} and {step + 1}" in found.message
+    size_m = float(found.message.split("jumps by ")[1].split(" m")[0])
+    assert size_m == pytest.approx(0.06 if turned else 1.0, abs=0.15)
     apart = invert(clean[step]) @ clean[step + 1]
-    found = invert(odometry.world_from_vehicle[step]) @ odometry.world_from_vehicle[step + 1]
-    off_m = np.linalg.norm((apart - found)[:3, 3])
+    repaired = invert(odometry.world_from_vehicle[step]) @ odometry.world_from_vehicle[step + 1]
+    off_m = np.linalg.norm((apart - repaired)[:3, 3])
     assert off_m < 0.1 < 3 * odometry.step_sigma[step, 1], "the sigma covers what the median misses"
     assert odometry.step_sigma[step, 0] > 0.005
 
@@ -90,10 +92,10 @@ def test_lost_pings_and_manoeuvres_are_no_jumps() -> None:
     sequence = make_sequence(make_steps())
     keep = np.r_[0:12, 24:COUNT]
     lost = replace(sequence, timestamps_s=sequence.timestamps_s[keep])
-    assert read(lost).warnings == ()
+    assert read(lost).diagnostics == ()
     steps = make_steps()
     steps[10:17, 0, 3] += 0.4
-    assert read(make_sequence(steps)).warnings == ()
+    assert read(make_sequence(steps)).diagnostics == ()
 
 
 @pytest.mark.parametrize("lost", [range(15, 26), range(30, COUNT), range(0, 10)])
@@ -107,8 +109,9 @@ def test_steps_without_readings_are_vague(lost: range) -> None:
     np.testing.assert_array_equal(odometry.unreliable, far[:-1] | far[1:])
     assert odometry.step_sigma[odometry.unreliable, 1].min() > 0.04
     np.testing.assert_array_equal(odometry.step_sigma[~odometry.unreliable, 1], 0.02)
-    (sentence,) = odometry.warnings
-    assert f"{len(lost)} of {COUNT} frames ({lost[0]}-{lost[-1]})" in sentence
+    (found,) = odometry.diagnostics
+    assert found.code == "odometry-gap" and found.frames == ((lost[0], lost[-1]),)
+    assert f"{len(lost)} of {COUNT} frames ({lost[0]}-{lost[-1]})" in found.message
 
 
 @pytest.mark.parametrize("count", [1, 2, 5])

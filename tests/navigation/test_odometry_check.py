@@ -134,7 +134,7 @@ LEFT_HANDED = np.diag([1.0, -1.0, 1.0, 1.0])
 def test_right_odometry_is_believed(floor: Floor, seed: int) -> None:
     sequence = make_sequence(seed)
     start = check(sequence, floor)
-    assert start.sensors.warnings == () and not start.unreliable.any()
+    assert start.sensors.diagnostics == () and not start.unreliable.any()
     assert sequence.odometry is not None
     np.testing.assert_allclose(start.world_from_vehicle, sequence.odometry.world_from_vehicle, atol=1e-12)
     np.testing.assert_array_equal(start.sensors.step_sigma, np.tile([0.005, 0.02], (COUNT - 1, 1)))
@@ -142,7 +142,7 @@ def test_right_odometry_is_believed(floor: Floor, seed: int) -> None:
 
 def test_odometry_twice_as_noisy_as_it_says_is_no_fault_of_its_frame(floor: Floor) -> None:
     noisy = make_sequence(1, SensorNoise(0.04, 0.01, 0.01, 0.003, 0.003))
-    assert check(noisy, floor).sensors.warnings == ()
+    assert check(noisy, floor).sensors.diagnostics == ()
 
 
 @pytest.mark.parametrize(
@@ -165,8 +165,8 @@ def test_odometry_of_a_wrong_frame_is_named_and_doubted(
     if not navigation:
         sequence = replace(sequence, navigation=None)
     start = check(sequence, floor)
-    sentence = next(text for text in start.sensors.warnings if text.startswith("odometry contradicts the images"))
-    assert named in sentence and " m " in sentence
+    message = next(found.message for found in start.sensors.diagnostics if found.code == "odometry-image-conflict")
+    assert named in message and " m " in message
     assert np.median(start.sensors.step_sigma[:, 1]) > 0.03
     steps, truth = (invert(p[:-1]) @ p[1:] for p in (start.world_from_vehicle, make_path()))
     off_m = np.linalg.norm((steps - truth)[:, :3, 3], axis=1)
@@ -175,8 +175,8 @@ def test_odometry_of_a_wrong_frame_is_named_and_doubted(
 
 def test_mirrored_height_is_found_by_navigation_and_settled_by_the_images(floor: Floor) -> None:
     start = check(with_odometry(make_sequence(), mirror_axis(2)), floor)
-    sentence = " ".join(start.sensors.warnings)
-    assert "depth" in sentence and "one is mirrored" in sentence
+    message = next(found.message for found in start.sensors.diagnostics if found.code == "sensor-conflict")
+    assert "depth" in message and "one is mirrored" in message
     change, truth = (np.diff(poses[::8, 2, 3]) for poses in (start.world_from_vehicle, make_path()))
     held = np.isfinite(start.sensors.z_roll_pitch_sigma[:, 0]).all()
     assert held and (start.unreliable.all() or np.corrcoef(change, truth)[0, 1] > 0.9)
@@ -188,8 +188,9 @@ def test_mirrored_navigation_is_left_out(floor: Floor, column: str) -> None:
     assert sequence.navigation is not None
     wrong = replace(sequence.navigation, **{column: -getattr(sequence.navigation, column)})
     start = check(replace(sequence, navigation=wrong), floor)
-    (sentence,) = start.sensors.warnings
-    assert "one is mirrored" in sentence and "left out" in sentence
+    (found,) = start.sensors.diagnostics
+    assert found.code == "sensor-conflict"
+    assert "one is mirrored" in found.message and "left out" in found.message
     free = np.isinf(start.sensors.z_roll_pitch_sigma).all(axis=0)
     assert free.tolist() == [column == "z_m", column == "roll_rad", False]
 
@@ -198,8 +199,8 @@ def test_odometry_that_starts_elsewhere_is_moved_to_navigation(floor: Floor) -> 
     sequence = make_sequence()
     other = make_pose(np.array([0.0, 0.0, 12.0]), Rotation.from_euler("ZYX", [0.0, 0.2, -0.1]))
     start = check(with_odometry(sequence, lambda poses: other @ poses), floor)
-    (sentence,) = start.sensors.warnings
-    assert "starts in another frame" in sentence and "of depth" in sentence
+    (found,) = start.sensors.diagnostics
+    assert found.code == "odometry-frame-offset" and "of depth" in found.message
     np.testing.assert_allclose(
         depth_roll_pitch(start.world_from_vehicle[:5]), depth_roll_pitch(make_path()[:5]), atol=0.06
     )
@@ -211,8 +212,7 @@ def test_a_wrong_clock_is_told(floor: Floor, shift: int) -> None:
     assert sequence.odometry is not None
     late = replace(sequence.odometry, timestamps_s=sequence.odometry.timestamps_s + 0.2 * shift)
     start = check(replace(sequence, odometry=late), floor)
-    sentence = " ".join(start.sensors.warnings)
-    assert "stamps seem wrong" in sentence or "contradicts the images" in sentence
+    assert {found.code for found in start.sensors.diagnostics} & {"time-offset", "odometry-image-conflict"}
     assert start.unreliable.all()
 
 
@@ -262,10 +262,12 @@ def test_repeated_frames_are_left_out_where_odometry_moves(moving: bool) -> None
         make_sequence(), timestamps_s=np.arange(8.0), odometry=Trajectory(np.arange(8.0), poses), navigation=None
     )
     start = initialise_from_odometry(sequence, Config())
-    kept, sentences = drop_duplicate_frames(keypoints, candidates, start)
+    kept, diagnostics = drop_duplicate_frames(keypoints, candidates, start)
     if moving:
         assert [match.frame_a for match in kept] == [0, 4]
-        assert "3 of 8 frames (2-3, 6) repeat" in sentences[0]
+        (found,) = diagnostics
+        assert found.code == "duplicate-frames" and found.frames == ((2, 3), (6, 6))
+        assert "3 of 8 frames (2-3, 6)" in found.message
     else:
-        assert kept == candidates and sentences == ()
+        assert kept == candidates and diagnostics == ()
     assert drop_duplicate_frames(keypoints, candidates, None) == (candidates, ())

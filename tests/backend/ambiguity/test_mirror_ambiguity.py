@@ -140,12 +140,12 @@ def test_only_other_sensors_tell_the_images_apart(kind: str, expected: float) ->
     mirror = find_mirror(solution)
     assert mirror.probability == pytest.approx(expected, abs=0.05)
     uncertainty = measure_uncertainty(solution.bundle, solution.elevation_information_ratio)
-    sentences = warn_of_mirror(uncertainty, solution.bundle, mirror)
+    diagnostics = warn_of_mirror(uncertainty, solution.bundle, mirror)
     if expected:
-        (sentence,) = sentences
-        assert "heights, roll and pitch may have the other sign" in sentence and "not shown: 0." in sentence
+        (found,) = diagnostics
+        assert found.code == "mirror-ambiguity" and f"not shown: {mirror.probability:.2g}" in found.message
     else:
-        assert sentences == () and inflate_for_mirror(uncertainty, solution, mirror) is uncertainty
+        assert diagnostics == () and inflate_for_mirror(uncertainty, solution, mirror) is uncertainty
 
 
 @pytest.mark.parametrize("kind", ["odometry", "levels"])

@@ -11,6 +11,7 @@ from asfm.backend.estimation.solution import Solution
 from asfm.backend.graph.bundle_adjustment import Bundle
 from asfm.backend.graph.problem import BundleProblem
 from asfm.config import BackendConfig, Config
+from asfm.diagnostics import Diagnostic
 from asfm.geometry.sonar import SonarModel
 from asfm.sequence import Sequence
 from asfm.types import BoolArray, Frame, Tracks, Trajectory
@@ -45,19 +46,19 @@ def _solution(spans: list[list[int]], observed: BoolArray | None = None) -> Solu
     )
 
 
-def _say(spans: list[list[int]], frame_count: int, odometry: bool = True) -> tuple[str, ...]:
+def _diagnose(spans: list[list[int]], frame_count: int, odometry: bool = True) -> tuple[Diagnostic, ...]:
     return warn_of_disconnected_steps(_sequence(frame_count, odometry), _solution(spans), Config())
 
 
 def test_nothing_to_say_where_all_frames_share_landmarks() -> None:
-    assert _say([[0, 3, 7], [0, 7], [0, 1, 7]], 8) == ()
+    assert _diagnose([[0, 3, 7], [0, 7], [0, 1, 7]], 8) == ()
 
 
 def test_gaps_are_named_by_the_frames_they_lie_between() -> None:
-    (sentence,) = _say([[0, 1, 2, 3]] * 3 + [[5, 6]] * 3 + [[6, 8, 9]] * 4, 11)
-    assert sentence.startswith("3 of 10 steps")
-    assert sentence.endswith("between frames 3-5, 9-10")
-    assert "odometry" in sentence
+    (found,) = _diagnose([[0, 1, 2, 3]] * 3 + [[5, 6]] * 3 + [[6, 8, 9]] * 4, 11)
+    assert found.code == "unsupported-steps" and found.frames == ((3, 5), (9, 10))
+    assert found.message.startswith("3 of 10 steps")
+    assert found.message.endswith("held by odometry between frames 3-5, 9-10")
 
 
 def test_a_landmark_that_skips_frames_ties_them_all_the_same() -> None:
@@ -83,27 +84,28 @@ def test_observations_that_were_dropped_tie_nothing() -> None:
 @pytest.mark.parametrize("spans", [[], [[0, 1, 2, 3]] * 2])
 @pytest.mark.parametrize("odometry", [True, False])
 def test_no_support_at_all_says_what_holds_the_poses(spans: list[list[int]], odometry: bool) -> None:
-    (sentence,) = _say(spans, 4, odometry)
-    assert "all 4 poses" in sentence
-    assert sentence.endswith("held by odometry" if odometry else "held by the last pose")
+    (found,) = _diagnose(spans, 4, odometry)
+    assert found.code == "unsupported-steps" and found.frames == ((0, 3),)
+    assert "all 4 poses" in found.message
+    assert found.message.endswith("held by odometry" if odometry else "held by the last pose")
 
 
 def test_unwanted_odometry_holds_nothing() -> None:
     config = Config(backend=BackendConfig(use_odometry=False))
-    (sentence,) = warn_of_disconnected_steps(_sequence(4), _solution([]), config)
-    assert sentence.endswith("held by the last pose")
+    (found,) = warn_of_disconnected_steps(_sequence(4), _solution([]), config)
+    assert found.code == "unsupported-steps" and found.message.endswith("held by the last pose")
 
 
 def test_one_frame_is_said_to_be_one() -> None:
-    (sentence,) = _say([], 1)
-    assert "one frame" in sentence
+    assert [found.code for found in _diagnose([], 1)] == ["single-frame"]
 
 
 def test_many_stretches_are_counted_not_listed() -> None:
     spans = [[index, index + 1] for index in range(0, 40, 2) for _ in range(3)]
-    (sentence,) = _say(spans, 40)
-    assert sentence.startswith("19 of 39 steps")
-    assert sentence.endswith("15-16, and 11 more stretches")
+    (found,) = _diagnose(spans, 40)
+    assert found.code == "unsupported-steps" and len(found.frames) == 19
+    assert found.message.startswith("19 of 39 steps")
+    assert found.message.endswith("15-16, and 11 more runs")
 
 
 def test_sequences_that_differ_only_in_stamps_get_the_same_words() -> None:

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from asfm.backend.stretches import name_stretches
 
 from asfm.backend.diagnostics.observability import (
     find_unobserved_directions,
@@ -50,12 +49,15 @@ def test_directions_that_nothing_else_holds_are_named_with_their_frames(sensors:
     found = find_unobserved_directions(make_uncertainty(held), sensors)
     assert found[:, 0].all() and not found[:, 2:5].any()
     np.testing.assert_array_equal(np.flatnonzero(found[:, 5]), np.arange(10, 26))
-    assert warn_of_unobserved_directions(make_uncertainty(held), sensors) == (
+    diagnostics = warn_of_unobserved_directions(make_uncertainty(held), sensors)
+    assert [diagnostic.code for diagnostic in diagnostics] == ["unobserved-directions"] * 2
+    assert [diagnostic.frames for diagnostic in diagnostics] == [((0, 39),), ((10, 25),)]
+    assert [diagnostic.message for diagnostic in diagnostics] == [
         "roll is held by the odometry alone in frames 0-39",
         "pitch and height are held by the odometry alone in frames 10-25",
-    )
+    ]
     guessed = warn_of_unobserved_directions(make_uncertainty(held), replace(sensors, measured=False))
-    assert guessed[0] == "roll is held by the assumption that the vehicle moves little alone in frames 0-39"
+    assert guessed[0].message == "roll is held by the assumption that the vehicle moves little alone in frames 0-39"
 
 
 def test_nothing_is_said_where_the_data_hold_everything(sensors: SensorConstraints) -> None:
@@ -67,8 +69,9 @@ def test_a_trajectory_is_in_doubt_from_where_its_position_is_uncertain_by_a_tent
     poses[:, 0, 3] = np.linspace(0, 4.0, FRAMES)
     growing = np.zeros((FRAMES, 6, 6))
     growing[:, 3, 3] = (0.02 * np.arange(FRAMES)) ** 2
-    said = warn_of_position_uncertainty(Uncertainty(growing, growing[:1], growing[:, :3, :3]), poses, 5.0)
-    assert len(said) == 1 and "from frame 21 on" in said[0] and "0.78 m at the end" in said[0]
+    (found,) = warn_of_position_uncertainty(Uncertainty(growing, growing[:1], growing[:, :3, :3]), poses, 5.0)
+    assert found.code == "position-uncertainty" and found.frames == ((21, FRAMES - 1),)
+    assert "from frame 21 on" in found.message and "0.78 m at the end" in found.message
     sure = Uncertainty(growing / 16, growing[:1], growing[:, :3, :3])
     assert warn_of_position_uncertainty(sure, poses, 5.0) == ()
 
@@ -80,11 +83,3 @@ def test_a_sonar_that_stands_still_is_in_doubt_where_it_is_uncertain_against_its
     assert (
         warn_of_position_uncertainty(Uncertainty(49 * covariance, covariance, covariance[:, :3, :3]), still, 5.0) != ()
     )
-
-
-def test_stretches_are_named_by_frames_or_steps_and_many_are_counted() -> None:
-    which = np.array([1, 1, 0, 1, 0, 1, 1, 1], dtype=bool)
-    assert name_stretches(which) == ["0-1", "3-3", "5-7"]
-    assert name_stretches(which, last=1) == ["0-2", "3-4", "5-8"]
-    assert name_stretches(which, shortest=2) == ["0-1", "5-7"]
-    assert name_stretches(np.tile([True, False], 20))[-1] == "and 12 more stretches"

@@ -55,8 +55,9 @@ def test_a_turned_mounting_is_found() -> None:
     assert (np.abs(found.rotation_rad - truth) < 4 * found.sigma[:3]).all()
     np.testing.assert_allclose(found.correct_mounting(given.vehicle_from_sonar), LEVER_ARM, atol=0.007)
     assert found.range_bias_m == 0
-    (sentence,) = found.describe()
-    assert "deg about y" in sentence
+    (diagnostic,) = found.diagnose()
+    assert diagnostic.code == "estimated-lever-rotation" and diagnostic.severity == "info"
+    assert "deg about y" in diagnostic.message
 
 
 @pytest.mark.parametrize("bias_m", [0.06, -0.04])
@@ -65,14 +66,15 @@ def test_a_range_bias_is_found(bias_m: float) -> None:
     found = calibrate(problem, poses, xyz_m, BackendConfig(estimate_range_bias=True))
     assert found.range_bias_m == pytest.approx(bias_m, abs=min(0.01, 4 * found.sigma[3]))
     assert not found.rotation_rad.any() and not found.sigma[:3].any()
-    (sentence,) = found.describe()
-    assert "range bias" in sentence and " m " in sentence
+    (diagnostic,) = found.diagnose()
+    assert diagnostic.code == "estimated-range-bias" and diagnostic.severity == "info"
+    assert f"{found.range_bias_m:+.3f} +- {found.sigma[3]:.3f} m" in diagnostic.message
 
 
 def test_nothing_asked_nothing_estimated() -> None:
     problem, poses, xyz_m = make_problem()
     found = calibrate(problem, poses, xyz_m, BackendConfig())
-    assert not found.rotation_rad.any() and found.range_bias_m == 0 and found.describe() == ()
+    assert not found.rotation_rad.any() and found.range_bias_m == 0 and found.diagnose() == ()
 
 
 def test_a_sonar_that_stands_still_leaves_the_mounting_as_it_is() -> None:

@@ -111,13 +111,24 @@ def test_two_places_are_not_accepted(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("spacing_m", [1.0, 1.8])
 @pytest.mark.parametrize("sigma_m", [0.2, 0.6, 2.0])
-def test_a_row_of_equal_piles_never_closes_wrongly(seed: int, spacing_m: float, sigma_m: float) -> None:
-    """The odometry is off by a whole spacing, so that the wrong piles lie exactly where the right ones should."""
+def test_equal_piles_alone_close_no_loop(seed: int, spacing_m: float, sigma_m: float) -> None:
+    """The odometry is off by one spacing, which puts the wrong piles where the right ones are expected."""
     rng = np.random.default_rng(seed)
     scene = make_row_of_piles(rng, spacing_m)
     sights = [see(scene, at(0.0), rng), see(scene, at(0.3), rng)]
-    check, right = judge(sights, np.stack([at(0.0), at(0.3 + spacing_m)]), sigma_m, 0.02)
-    assert not check.accepted or right > 0.9
+    check, _ = judge(sights, np.stack([at(0.0), at(0.3 + spacing_m)]), sigma_m, 0.02)
+    assert not check.accepted
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_equal_piles_among_distinct_points_close_the_right_loop(seed: int) -> None:
+    """The same wrong odometry, stated as uncertain: the points around the piles decide."""
+    rng = np.random.default_rng(seed)
+    scene = make_row_of_piles(rng, 1.8, own_looks=250)
+    sights = [see(scene, at(0.0), rng), see(scene, at(0.3), rng)]
+    check, right = judge(sights, np.stack([at(0.0), at(0.3 + 1.8)]), 2.0, 0.02)
+    assert check.accepted and right > 0.95
+    np.testing.assert_allclose(check.shift_m, [0.0, -1.8], atol=0.1)
 
 
 @pytest.mark.parametrize("seed", range(3))
