@@ -12,8 +12,11 @@ from asfm.evaluation.matching import look_up_elevation
 from asfm.frontend.tracking.association import associate
 from asfm.geometry.poses import invert, transform
 from asfm.geometry.sonar import back_project, project
+from asfm.navigation.frame_navigation import read_navigation
+from asfm.navigation.pose_prediction import predict_poses
 from asfm.pipeline import loop_closure as loops
-from asfm.pipeline.reconstruction import extract_matches, initialise, optimise
+from asfm.pipeline.feature_matching import extract_matches
+from asfm.pipeline.reconstruction import initialise, optimise
 from asfm.recorder import NullRecorder
 from asfm.sequence import Sequence
 from asfm.simulation.scenes.scene import Scene, join_scenes
@@ -107,9 +110,11 @@ def solve_first_round(
 ) -> tuple[list[Keypoints], list[Matches], InitialPoses, Solution]:
     """Go as far as the pipeline does before it looks for loops."""
     sequence, clock = render_round_trip(repeated, seed).sequence, StageClock()
-    keypoints, candidates = extract_matches(sequence, config, NullRecorder(), clock)
+    navigation = read_navigation(sequence, config.backend)
+    prediction = predict_poses(navigation, sequence)
+    keypoints, candidates = extract_matches(sequence, config, NullRecorder(), clock, prediction)
     keypoints = [frame.without_patches() for frame in keypoints]
-    start = initialise(sequence, keypoints, candidates, config, clock)
+    start = initialise(sequence, navigation, keypoints, candidates, config, clock)
     tracks = associate(keypoints, candidates, sequence.sonar, start.world_from_vehicle, config)
     return keypoints, candidates, start, solve_tracks(tracks, sequence, start.world_from_vehicle, start.sensors, config)
 

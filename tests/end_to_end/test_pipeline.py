@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from asfm.config import BackendConfig, Config
 from asfm.geometry.poses import invert, make_pose, transform
-from asfm.navigation.sensor_constraints import odometry_at_frames
+from asfm.navigation.frame_navigation import read_navigation
 from asfm.pipeline.reconstruction import reconstruct
 from asfm.sequence import Sequence
 from asfm.simulation.simulate import simulate
@@ -124,8 +124,9 @@ def test_black_images_hold_the_identity_and_say_so(tank: Sequence, frame_count: 
 def test_black_images_hold_the_odometry_and_say_so(tank: Sequence, frame_count: int) -> None:
     black = replace(_with_frames(tank, _blank(list(tank), range(FRAMES))[:frame_count]), navigation=None)
     found = reconstruct(black, Config()).reconstruction
-    expected = odometry_at_frames(black, BackendConfig())
-    assert expected is not None
+    odometry = read_navigation(black, BackendConfig()).odometry
+    assert odometry is not None
+    expected = odometry.world_from_vehicle
     np.testing.assert_allclose(found.trajectory.world_from_vehicle, expected, atol=1e-6)
     assert len(found.landmarks) == 0
     assert [item.code for item in found.diagnostics] == ["single-frame" if frame_count == 1 else "unsupported-steps"]
@@ -150,8 +151,9 @@ def test_black_frames_in_the_middle_are_named(tank: Sequence, odometry: bool) ->
     assert "between frames 3-9" in found.diagnostics[0].message
     poses = found.trajectory.world_from_vehicle
     if odometry:
-        expected = odometry_at_frames(gap, BackendConfig())
-        assert expected is not None
+        read = read_navigation(gap, BackendConfig()).odometry
+        assert read is not None
+        expected = read.world_from_vehicle
         assert np.linalg.norm((invert(poses[3]) @ poses[8] - invert(expected[3]) @ expected[8])[:3, 3]) < 0.1
     else:
         np.testing.assert_allclose(poses[4:9], np.repeat(poses[3:4], 5, axis=0), atol=5e-3)
@@ -230,7 +232,7 @@ def test_recorder_is_shown_every_frame_in_order_and_the_result(tank: Sequence) -
     assert witness.results == [run.reconstruction]
     assert [done for stage, done, total in told if stage == "front-end" and total == 5] == [1, 2, 3, 4, 5]
     names = [stage.name for stage in run.stages]
-    assert names == ["front-end", "start", "round 1", "loops", "round 2", "round 3", "landmarks", "record"]
+    assert names == ["front-end", "initialisation", "round 1", "loops", "round 2", "round 3", "landmarks", "record"]
     assert all(stage.wall_s >= 0 for stage in run.stages)
     assert run.stages[0].counts["frames"] == 5
 

@@ -7,7 +7,10 @@ from asfm.backend.estimation.solution import Solution
 from asfm.config import Config
 from asfm.config_file import load_config
 from asfm.frontend.tracking.triangulated_tracks import TriangulatedTracks
-from asfm.pipeline.reconstruction import extract_matches, initialise, optimise, reconstruct
+from asfm.navigation.frame_navigation import read_navigation
+from asfm.navigation.pose_prediction import predict_poses
+from asfm.pipeline.feature_matching import extract_matches
+from asfm.pipeline.reconstruction import initialise, optimise, reconstruct
 from asfm.recorder import NullRecorder
 from asfm.sequence import Sequence
 from asfm.simulation.simulate import simulate
@@ -17,10 +20,15 @@ from asfm.types import ExternalMatches, Keypoints, Matches
 FRAMES = 8
 
 
+def extract(sequence: Sequence) -> tuple[list[Keypoints], list[Matches]]:
+    prediction = predict_poses(read_navigation(sequence, Config().backend), sequence)
+    return extract_matches(sequence, Config(), NullRecorder(), StageClock(), prediction)
+
+
 @pytest.fixture(scope="module")
 def extracted() -> tuple[Sequence, list[Keypoints], list[Matches]]:
     sequence = simulate("tank", frame_count=FRAMES, seed=1).sequence
-    return sequence, *extract_matches(sequence, Config(), NullRecorder(), StageClock())
+    return sequence, *extract(sequence)
 
 
 def run_rounds(
@@ -28,7 +36,8 @@ def run_rounds(
 ) -> tuple[Solution, list[str]]:
     sequence, keypoints, candidates = extracted
     config, clock = load_config(None, settings), StageClock()
-    start = initialise(sequence, keypoints, candidates, config, clock)
+    navigation = read_navigation(sequence, config.backend)
+    start = initialise(sequence, navigation, keypoints, candidates, config, clock)
     solution = optimise(sequence, keypoints, candidates, start, config, clock)
     return solution, [report.name for report in clock.reports if report.name.startswith("round")]
 
@@ -68,5 +77,5 @@ def test_given_matches_stay_alone(
 
     monkeypatch.setattr("asfm.pipeline.reconstruction.match_to_landmarks", remember)
     given = ExternalMatches(tuple(frame.without_patches() for frame in keypoints), tuple(candidates))
-    reconstruct(sequence, load_config(None, ("backend.rounds=2",)), given=given)
-    assert windows == [0]
+    reconstruct(sequence, load_config(None, ("backend.rounds=2",)), external=given)
+    assert windows == []

@@ -13,15 +13,12 @@ from asfm.navigation.depth_attitude import frames_per_reading, interpolate_depth
 from asfm.navigation.outlier_filter import find_outliers
 from asfm.sequence import Sequence
 from asfm.simulation.vehicle.sensors import measure_tilt
-from asfm.types import FloatArray, Frame, Navigation, SensorNoise, Trajectory
+from asfm.types import FloatArray, Navigation, SensorNoise, Trajectory
+from tests.worlds import no_frame
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (500, 128), np.deg2rad(20))
 NOISE = SensorNoise(0.02, 0.005, 0.01, 0.003, 0.003)
 COUNT = 60
-
-
-def _no_frame(index: int) -> Frame:
-    raise AssertionError(f"frame {index} must not be read")
 
 
 def make_sequence(seed: int = 0, readings_every_s: float = 0.2, offset_s: float = 0.0) -> Sequence:
@@ -30,7 +27,7 @@ def make_sequence(seed: int = 0, readings_every_s: float = 0.2, offset_s: float 
     stamps = np.arange(offset_s, COUNT * 0.2, readings_every_s)
     level = sway(stamps) + rng.normal(0, [0.01, 0.003, 0.003], (len(stamps), 3))
     navigation = Navigation(stamps, *level.T)
-    return Sequence("made up", SONAR, frame_stamps(), _no_frame, navigation=navigation, noise=NOISE)
+    return Sequence("made up", SONAR, frame_stamps(), no_frame, navigation=navigation, noise=NOISE)
 
 
 def frame_stamps() -> FloatArray:

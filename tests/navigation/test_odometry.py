@@ -12,15 +12,12 @@ from asfm.geometry.sonar import SonarModel
 from asfm.navigation.odometry import Odometry, read_odometry
 from asfm.sequence import Sequence
 from asfm.simulation.vehicle.sensors import chain_steps
-from asfm.types import FloatArray, Frame, SensorNoise, Trajectory
+from asfm.types import FloatArray, SensorNoise, Trajectory
+from tests.worlds import no_frame
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (500, 128), np.deg2rad(20))
 COUNT = 40
 NOISE = SensorNoise(0.02, 0.005, 0.01, 0.003, 0.003)
-
-
-def _no_frame(index: int) -> Frame:
-    raise AssertionError(f"frame {index} must not be read")
 
 
 def make_steps(seed: int = 0) -> FloatArray:
@@ -32,7 +29,7 @@ def make_steps(seed: int = 0) -> FloatArray:
 def make_sequence(steps: FloatArray) -> Sequence:
     stamps = np.asarray(0.2 * np.arange(COUNT), dtype=np.float64)
     odometry = Trajectory(stamps, chain_steps(np.eye(4), steps))
-    return Sequence("made up", SONAR, stamps, _no_frame, odometry=odometry, noise=NOISE)
+    return Sequence("made up", SONAR, stamps, no_frame, odometry=odometry, noise=NOISE)
 
 
 def read(sequence: Sequence) -> Odometry:

@@ -14,25 +14,23 @@ from asfm.backend.initialisation.initial_poses import (
     replace_unreliable_steps,
     verify_odometry,
 )
-from asfm.config import Config
+from asfm.config import BackendConfig, Config
 from asfm.geometry.poses import depth_roll_pitch, invert, make_pose, transform
 from asfm.geometry.sonar import SonarModel, project
 from asfm.navigation.depth_attitude import DepthAttitude
 from asfm.navigation.duplicate_frames import drop_duplicate_frames, find_duplicate_frames
+from asfm.navigation.frame_navigation import read_navigation
 from asfm.navigation.odometry_hypotheses import PointPairs, planar_inliers
 from asfm.navigation.sensor_consistency import align_initial_attitude, compare_odometry_attitude, estimate_time_offset
 from asfm.sequence import Sequence
 from asfm.simulation.vehicle.sensors import simulate_navigation, simulate_odometry
-from asfm.types import FloatArray, Frame, Keypoints, Matches, Navigation, SensorNoise, Tracks, Trajectory
+from asfm.types import FloatArray, Keypoints, Matches, Navigation, SensorNoise, Tracks, Trajectory
+from tests.worlds import no_frame
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.6, 0.6), (700, 256), np.deg2rad(16))
 LEVER_ARM = make_pose(np.array([0.4, 0.1, -0.2]), Rotation.from_euler("ZYX", [0.0, 0.3, 0.0]))
 NOISE = SensorNoise(0.02, 0.005, 0.01, 0.003, 0.003)
 COUNT = 40
-
-
-def _no_frame(index: int) -> Frame:
-    raise AssertionError(f"frame {index} must not be read")
 
 
 def make_path() -> FloatArray:
@@ -50,7 +48,7 @@ def make_sequence(seed: int = 0, noise: SensorNoise = NOISE) -> Sequence:
         "made up",
         SONAR,
         truth.timestamps_s,
-        _no_frame,
+        no_frame,
         LEVER_ARM,
         odometry=simulate_odometry(truth, noise, rng),
         navigation=simulate_navigation(truth, noise, rng),
@@ -102,7 +100,7 @@ def with_odometry(sequence: Sequence, change: Callable[[FloatArray], FloatArray]
 
 
 def check(sequence: Sequence, floor: Floor) -> InitialPoses:
-    start = initialise_from_odometry(sequence, Config())
+    start = initialise_from_odometry(read_navigation(sequence, BackendConfig()), sequence)
     assert start is not None
     start = verify_odometry(start, sequence, floor.pairs, Config(), np.random.default_rng(0))
     if start.unreliable.any():
@@ -238,7 +236,7 @@ def test_few_frames_or_readings_say_nothing() -> None:
     assert planar_inliers([], np.random.default_rng(0)) == []
     nothing = Navigation(np.zeros(1), np.zeros(1), np.zeros(1), np.zeros(1))
     sequence = replace(make_sequence(), navigation=nothing)
-    start = initialise_from_odometry(sequence, Config())
+    start = initialise_from_odometry(read_navigation(sequence, BackendConfig()), sequence)
     assert start is not None
     checked = verify_odometry(start, sequence, [], Config(), np.random.default_rng(0))
     assert not checked.unreliable.any()
@@ -261,8 +259,8 @@ def test_repeated_frames_are_left_out_where_odometry_moves(moving: bool) -> None
     sequence = replace(
         make_sequence(), timestamps_s=np.arange(8.0), odometry=Trajectory(np.arange(8.0), poses), navigation=None
     )
-    start = initialise_from_odometry(sequence, Config())
-    kept, diagnostics = drop_duplicate_frames(keypoints, candidates, start)
+    odometry = read_navigation(sequence, BackendConfig()).odometry
+    kept, diagnostics = drop_duplicate_frames(keypoints, candidates, odometry)
     if moving:
         assert [match.frame_a for match in kept] == [0, 4]
         (found,) = diagnostics

@@ -10,17 +10,16 @@ from asfm.backend.initialisation.initial_poses import initialise_from_odometry, 
 from asfm.config import BackendConfig, Config
 from asfm.geometry.poses import invert, make_pose, transform
 from asfm.geometry.sonar import SonarModel
-from asfm.navigation.sensor_constraints import level_pose, navigation_at_frames, odometry_at_frames, sensor_constraints
+from asfm.navigation.frame_navigation import read_navigation
+from asfm.navigation.odometry import read_odometry
+from asfm.navigation.sensor_constraints import level_pose, sensor_constraints
 from asfm.sequence import Sequence
-from asfm.types import FloatArray, Frame, Navigation, SensorNoise, Tracks, Trajectory
+from asfm.types import FloatArray, Navigation, SensorNoise, Tracks, Trajectory
+from tests.worlds import make_constraints, no_frame
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (500, 128), np.deg2rad(20))
 NOTHING = Tracks(np.zeros(0, int), np.zeros(0, int), np.zeros(0), np.zeros(0))
 NOISE = SensorNoise(0.03, 0.004, 0.05, 0.006, 0.008)
-
-
-def _no_frame(index: int) -> Frame:
-    raise AssertionError(f"frame {index} must not be read")
 
 
 def _sequence(frame_count: int = 5) -> Sequence:
@@ -33,18 +32,23 @@ def _sequence(frame_count: int = 5) -> Sequence:
         "made up",
         SONAR,
         0.5 + np.arange(frame_count, dtype=np.float64),
-        _no_frame,
+        no_frame,
         odometry=Trajectory(stamps, poses),
         navigation=navigation,
         noise=NOISE,
     )
 
 
+def odometry_poses(sequence: Sequence) -> FloatArray:
+    odometry = read_odometry(sequence, BackendConfig())
+    assert odometry is not None
+    return odometry.world_from_vehicle
+
+
 def test_odometry_between_its_stamps_is_linear_and_slerp() -> None:
     sequence = _sequence()
     assert sequence.odometry is not None
-    poses = odometry_at_frames(sequence, BackendConfig())
-    assert poses is not None
+    poses = odometry_poses(sequence)
     given = sequence.odometry.world_from_vehicle
     np.testing.assert_allclose(poses[:, :3, 3], (given[:-1, :3, 3] + given[1:, :3, 3]) / 2, atol=1e-12)
     slerp = Slerp(sequence.odometry.timestamps_s, Rotation.from_matrix(given[:, :3, :3]))
@@ -54,13 +58,17 @@ def test_odometry_between_its_stamps_is_linear_and_slerp() -> None:
 def test_navigation_between_its_stamps_is_linear() -> None:
     sequence = _sequence()
     expected = np.stack([f * sequence.timestamps_s for f in (0.1, 0.02, -0.03)], axis=1) - [2, 0, 0]
-    np.testing.assert_allclose(navigation_at_frames(sequence, BackendConfig()), expected, atol=1e-12)
+    np.testing.assert_allclose(
+        read_navigation(sequence, BackendConfig()).depth_attitude.z_roll_pitch, expected, atol=1e-12
+    )
 
 
 def test_roll_across_half_a_turn_is_interpolated_the_short_way() -> None:
     sequence = _sequence(1)
     navigation = Navigation(np.array([0.0, 1.0]), np.zeros(2), np.array([3.1, -3.1]), np.zeros(2))
-    roll_rad = navigation_at_frames(replace(sequence, navigation=navigation), BackendConfig())[0, 1]
+    roll_rad = read_navigation(replace(sequence, navigation=navigation), BackendConfig()).depth_attitude.z_roll_pitch[
+        0, 1
+    ]
     assert np.cos(roll_rad) == pytest.approx(-1.0)
 
 
@@ -71,14 +79,14 @@ def test_what_is_absent_or_unwanted_is_not_used(absent: str) -> None:
         sequence = replace(sequence, odometry=None, navigation=None)
     else:
         config = BackendConfig(use_odometry=False, use_navigation=False)
-    assert odometry_at_frames(sequence, config) is None
-    assert navigation_at_frames(sequence, config).shape == (0, 3)
-    assert initialise_from_odometry(sequence, Config(backend=config)) is None
+    navigation = read_navigation(sequence, config)
+    assert navigation.odometry is None and navigation.depth_attitude.z_roll_pitch.shape == (0, 3)
+    assert initialise_from_odometry(navigation, sequence) is None
 
 
 def test_steps_chain_back_to_the_poses() -> None:
     sequence = _sequence()
-    start = initialise_from_odometry(sequence, Config())
+    start = initialise_from_odometry(read_navigation(sequence, BackendConfig()), sequence)
     assert start is not None
     chained = [start.sensors.first_pose]
     for step in start.sensors.steps:
@@ -91,9 +99,8 @@ def test_steps_chain_back_to_the_poses() -> None:
 def test_first_pose_is_held_but_for_what_navigation_measures() -> None:
     """In the world's axes: height, roll and pitch are as free as their sensors are vague, the rest is fixed."""
     sequence = _sequence()
-    poses = odometry_at_frames(sequence, BackendConfig())
-    assert poses is not None
-    constraints = sensor_constraints(sequence, BackendConfig(), poses, np.ones((4, 2)), measured=True)
+    poses = odometry_poses(sequence)
+    constraints = make_constraints(sequence, poses, np.ones((4, 2)), measured=True)
     rotation = poses[0, :3, :3]
     of_rotation = rotation @ constraints.first_covariance[:3, :3] @ rotation.T
     of_translation = rotation @ constraints.first_covariance[3:, 3:] @ rotation.T
@@ -101,7 +108,11 @@ def test_first_pose_is_held_but_for_what_navigation_measures() -> None:
     np.testing.assert_allclose(of_rotation, np.diag([angle_rad, angle_rad, 1e-6]) ** 2, atol=1e-12)
     np.testing.assert_allclose(of_translation, np.diag([1e-6, 1e-6, 0.05]) ** 2, atol=1e-12)
     blind = sensor_constraints(
-        replace(sequence, navigation=None), BackendConfig(), poses, np.ones((4, 2)), measured=True
+        replace(sequence, navigation=None),
+        read_navigation(replace(sequence, navigation=None), BackendConfig()),
+        poses,
+        np.ones((4, 2)),
+        measured=True,
     )
     np.testing.assert_allclose(blind.first_covariance, 1e-12 * np.eye(6), atol=1e-20)
 
@@ -125,7 +136,9 @@ def test_start_from_tracks_follows_a_planar_path_and_expects_steps_of_its_size()
     turn = Rotation.from_rotvec(np.outer(0.03 * np.arange(5), [0.0, 0.0, 1.0]))
     truth = make_pose(np.outer(np.arange(5), [0.2, 0.0, 0.0]), turn)
     sequence = replace(_sequence(), odometry=None, navigation=None)
-    start = initialise_from_tracks(sequence, _planar_tracks(truth), Config(), np.random.default_rng(0))
+    start = initialise_from_tracks(
+        read_navigation(sequence, BackendConfig()), sequence, _planar_tracks(truth), Config(), np.random.default_rng(0)
+    )
     np.testing.assert_allclose(start.world_from_vehicle, truth, atol=1e-6)
     np.testing.assert_allclose(start.sensors.steps, np.tile(np.eye(4), (4, 1, 1)), atol=1e-12)
     factor = Config().backend.motion_prior_factor
@@ -137,7 +150,9 @@ def test_start_from_tracks_follows_a_planar_path_and_expects_steps_of_its_size()
 def test_start_from_no_tracks_is_finite_and_stays() -> None:
     for frame_count in (1, 3):
         sequence = replace(_sequence(frame_count), odometry=None)
-        start = initialise_from_tracks(sequence, NOTHING, Config(), np.random.default_rng(0))
-        level = level_pose(navigation_at_frames(sequence, BackendConfig())[0])
+        start = initialise_from_tracks(
+            read_navigation(sequence, BackendConfig()), sequence, NOTHING, Config(), np.random.default_rng(0)
+        )
+        level = level_pose(read_navigation(sequence, BackendConfig()).depth_attitude.z_roll_pitch[0])
         np.testing.assert_allclose(start.world_from_vehicle, np.repeat(level[None], frame_count, axis=0), atol=1e-12)
         assert np.all(start.sensors.step_sigma > 0) and start.sensors.step_sigma.shape == (frame_count - 1, 2)

@@ -18,21 +18,18 @@ from asfm.backend.estimation.solution import Solution
 from asfm.backend.graph.bundle_adjustment import Bundle, adjust_bundle
 from asfm.backend.graph.marginal_covariance import Uncertainty, measure_uncertainty
 from asfm.backend.graph.problem import BundleProblem
-from asfm.config import BackendConfig, Scene
+from asfm.config import Scene
 from asfm.geometry.poses import invert, make_pose, transform
 from asfm.geometry.sonar import SonarModel, project
-from asfm.navigation.sensor_constraints import SensorConstraints, sensor_constraints
+from asfm.navigation.sensor_constraints import SensorConstraints
 from asfm.sequence import Sequence
-from asfm.types import FloatArray, Frame, Tracks
+from asfm.types import FloatArray, Tracks
+from tests.worlds import make_constraints, no_frame
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (500, 128), np.deg2rad(20))
 LEVER_ARM = make_pose(np.array([0.4, -0.1, -0.2]), Rotation.from_euler("ZYX", [0.1, 0.2, 0.0]))
 FRAMES = 20
 SIGMA = np.array([0.01, 0.005])
-
-
-def _no_frame(index: int) -> Frame:
-    raise AssertionError(f"frame {index} must not be read")
 
 
 def make_poses() -> FloatArray:
@@ -45,11 +42,11 @@ def make_poses() -> FloatArray:
 
 def make_sensors(poses: FloatArray, kind: str) -> SensorConstraints:
     """Steps of the true motion where there is odometry, else a prior that the vehicle moves little; or attitudes."""
-    sequence = Sequence("made up", SONAR, np.arange(FRAMES, dtype=float), _no_frame, LEVER_ARM)
+    sequence = Sequence("made up", SONAR, np.arange(FRAMES, dtype=float), no_frame, LEVER_ARM)
     measured = kind == "odometry"
     held = poses if measured else np.repeat(poses[:1], FRAMES, axis=0)
     steps = np.tile([0.005, 0.01] if measured else [0.2, 0.2], (FRAMES - 1, 1))
-    sensors = sensor_constraints(sequence, BackendConfig(), held, steps, measured)
+    sensors = make_constraints(sequence, held, steps, measured)
     if kind != "levels":
         return sensors
     _, pitch, roll = Rotation.from_matrix(poses[:, :3, :3]).as_euler("ZYX").T

@@ -10,25 +10,21 @@ from scipy.spatial.transform import Rotation
 from asfm.backend.ambiguity.motion_prior import SPAN, loosen_turns, state_prior_covariance, widen_motion_prior
 from asfm.backend.estimation.solution import Solution, solve_tracks
 from asfm.backend.graph.marginal_covariance import measure_uncertainty
-from asfm.config import BackendConfig
 from asfm.config_file import load_config
 from asfm.geometry.poses import invert, make_pose, transform
 from asfm.geometry.sonar import SonarModel, project
-from asfm.navigation.sensor_constraints import SensorConstraints, sensor_constraints
+from asfm.navigation.sensor_constraints import SensorConstraints
 from asfm.sequence import Sequence
-from asfm.types import FloatArray, Frame, Tracks
+from asfm.types import FloatArray, Tracks
+from tests.worlds import make_constraints, no_frame
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (500, 128), np.deg2rad(20))
 
 
-def _no_frame(index: int) -> Frame:
-    raise AssertionError(f"frame {index} must not be read")
-
-
 def make_sensors(frames: int, sigma: tuple[float, float], measured: bool = False) -> SensorConstraints:
-    sequence = Sequence("made up", SONAR, np.arange(frames, dtype=float), _no_frame)
+    sequence = Sequence("made up", SONAR, np.arange(frames, dtype=float), no_frame)
     held = np.repeat(np.eye(4)[None], frames, axis=0)
-    return sensor_constraints(sequence, BackendConfig(), held, np.tile(sigma, (frames - 1, 1)), measured)
+    return make_constraints(sequence, held, np.tile(sigma, (frames - 1, 1)), measured)
 
 
 def chain(rotation_rad: FloatArray, translation_m: FloatArray) -> FloatArray:
@@ -76,7 +72,7 @@ def make_case() -> tuple[Solution, Sequence, FloatArray]:
     sigma = np.tile([0.01, 0.003], (len(track), 1))
     error = rng.normal(0, 0.3, (len(track), 2)) * sigma  # sigmas are widened for errors that a track has in common
     tracks = Tracks(track, frame, range_m + error[:, 0], bearing_rad + error[:, 1], sigma=sigma)
-    sequence = Sequence("made up", SONAR, along.astype(float), _no_frame)
+    sequence = Sequence("made up", SONAR, along.astype(float), no_frame)
     tight = solve_tracks(tracks, sequence, truth, make_sensors(frames, (0.01, 0.05)), load_config())
     return tight, sequence, truth
 
@@ -104,7 +100,7 @@ def test_measured_steps_are_left_as_they_are() -> None:
     tracks = Tracks(
         np.zeros(4, dtype=np.int64), np.arange(4), np.full(4, 5.0), np.zeros(4), sigma=np.full((4, 2), 0.01)
     )
-    sequence = Sequence("made up", SONAR, np.arange(4.0), _no_frame)
+    sequence = Sequence("made up", SONAR, np.arange(4.0), no_frame)
     solution = solve_tracks(tracks, sequence, poses, make_sensors(frames, (0.01, 0.01), measured=True), load_config())
     assert widen_motion_prior(solution, sequence, load_config()) is solution
     none = replace(solution, observed=np.zeros(4, dtype=bool))

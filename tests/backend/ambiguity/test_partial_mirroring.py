@@ -16,21 +16,17 @@ from asfm.backend.ambiguity.partial_mirroring import (
 )
 from asfm.backend.estimation.residual_gate import make_residual_gate
 from asfm.backend.estimation.solution import solve_tracks
-from asfm.config import BackendConfig
 from asfm.config_file import load_config
 from asfm.geometry.poses import invert, make_pose, transform
 from asfm.geometry.sonar import SonarModel, project
-from asfm.navigation.sensor_constraints import SensorConstraints, sensor_constraints
+from asfm.navigation.sensor_constraints import SensorConstraints
 from asfm.sequence import Sequence
-from asfm.types import FloatArray, Frame, Tracks
+from asfm.types import FloatArray, Tracks
+from tests.worlds import make_constraints, no_frame
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (1500, 256), np.deg2rad(20))
 LEVER_ARM = make_pose(np.array([0.2, -0.1, -0.1]), Rotation.from_euler("ZYX", [0.1, 0.05, 0.0]))
 FRAMES, TWIST = 41, 20
-
-
-def _no_frame(index: int) -> Frame:
-    raise AssertionError(f"frame {index} must not be read")
 
 
 def make_motion() -> FloatArray:
@@ -61,9 +57,9 @@ def make_tracks(poses: FloatArray) -> Tracks:
 
 def make_case(measured: bool = False) -> tuple[Tracks, Sequence, SensorConstraints, FloatArray]:
     truth = make_motion()
-    sequence = Sequence("made up", SONAR, np.arange(FRAMES, dtype=float), _no_frame, LEVER_ARM)
+    sequence = Sequence("made up", SONAR, np.arange(FRAMES, dtype=float), no_frame, LEVER_ARM)
     held = truth if measured else np.repeat(np.eye(4)[None], FRAMES, axis=0)
-    sensors = sensor_constraints(sequence, BackendConfig(), held, np.tile([0.08, 0.15], (FRAMES - 1, 1)), measured)
+    sensors = make_constraints(sequence, held, np.tile([0.08, 0.15], (FRAMES - 1, 1)), measured)
     return make_tracks(truth), sequence, sensors, truth
 
 

@@ -14,7 +14,8 @@ from asfm.config import BackendConfig, Config
 from asfm.diagnostics import Diagnostic
 from asfm.geometry.sonar import SonarModel
 from asfm.sequence import Sequence
-from asfm.types import BoolArray, Frame, Tracks, Trajectory
+from asfm.types import BoolArray, Tracks, Trajectory
+from tests.worlds import no_frame
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (500, 128), np.deg2rad(20))
 NO_BUNDLE = cast(Bundle, None)
@@ -22,14 +23,10 @@ NO_PROBLEM = cast(BundleProblem, None)
 """What the poses rest on is read from the tracks alone."""
 
 
-def _no_frame(index: int) -> Frame:
-    raise AssertionError(f"frame {index} must not be read")
-
-
 def _sequence(frame_count: int, odometry: bool = True) -> Sequence:
     stamps = np.arange(frame_count, dtype=np.float64)
     poses = np.repeat(np.eye(4)[None], frame_count, axis=0)
-    return Sequence("made up", SONAR, stamps, _no_frame, odometry=Trajectory(stamps, poses) if odometry else None)
+    return Sequence("made up", SONAR, stamps, no_frame, odometry=Trajectory(stamps, poses) if odometry else None)
 
 
 def _solution(spans: list[list[int]], observed: BoolArray | None = None) -> Solution:

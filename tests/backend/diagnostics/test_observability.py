@@ -11,28 +11,24 @@ from asfm.backend.diagnostics.observability import (
     warn_of_unobserved_directions,
 )
 from asfm.backend.graph.marginal_covariance import Uncertainty
-from asfm.config import BackendConfig
 from asfm.geometry.sonar import SonarModel
-from asfm.navigation.sensor_constraints import SensorConstraints, sensor_constraints
+from asfm.navigation.sensor_constraints import SensorConstraints
 from asfm.sequence import Sequence
-from asfm.types import BoolArray, Frame
+from asfm.types import BoolArray
+from tests.worlds import make_constraints, no_frame
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (500, 128), np.deg2rad(20))
 FRAMES, SPAN = 40, 5
 ROTATION_RAD, TRANSLATION_M = 0.01, 0.02
 
 
-def _no_frame(index: int) -> Frame:
-    raise AssertionError(f"frame {index} must not be read")
-
-
 @pytest.fixture
 def sensors() -> SensorConstraints:
     poses = np.repeat(np.eye(4)[None], FRAMES, axis=0)
     poses[:, 0, 3] = 0.1 * np.arange(FRAMES)
-    sequence = Sequence("made up", SONAR, np.arange(FRAMES, dtype=float), _no_frame)
+    sequence = Sequence("made up", SONAR, np.arange(FRAMES, dtype=float), no_frame)
     steps = np.tile([ROTATION_RAD, TRANSLATION_M], (FRAMES - 1, 1))
-    return sensor_constraints(sequence, BackendConfig(), poses, steps, measured=True)
+    return make_constraints(sequence, poses, steps, measured=True)
 
 
 def make_uncertainty(held: BoolArray) -> Uncertainty:

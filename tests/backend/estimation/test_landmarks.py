@@ -13,17 +13,15 @@ from asfm.config import BackendConfig, Config
 from asfm.geometry.feature_noise import feature_sigma
 from asfm.geometry.poses import invert, make_pose, transform
 from asfm.geometry.sonar import SonarModel, back_project, project
+from asfm.navigation.frame_navigation import read_navigation
 from asfm.navigation.sensor_constraints import sensor_constraints
 from asfm.sequence import Sequence
-from asfm.types import FloatArray, Frame, Landmarks, Tracks
+from asfm.types import FloatArray, Landmarks, Tracks
+from tests.worlds import make_constraints, no_frame
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (500, 128), np.deg2rad(20))
 LEVER_ARM = make_pose(np.array([0.4, -0.1, -0.2]), Rotation.from_euler("ZYX", [0.1, 0.05, 0.0]))
 INDEPENDENT = Config(backend=BackendConfig(track_correlation=0.0))
-
-
-def _no_frame(index: int) -> Frame:
-    raise AssertionError(f"frame {index} must not be read")
 
 
 def _sway(roll_rad: float, frame_count: int = 10) -> FloatArray:
@@ -49,7 +47,7 @@ def _describe(
 ) -> tuple[Solution, Landmarks]:
     """Solve with right odometry and noisy observations."""
     poses = world_from_sonar @ invert(LEVER_ARM)
-    sequence = Sequence("made up", SONAR, np.arange(len(poses), dtype=np.float64), _no_frame, LEVER_ARM)
+    sequence = Sequence("made up", SONAR, np.arange(len(poses), dtype=np.float64), no_frame, LEVER_ARM)
     seen = transform(invert(world_from_sonar), xyz_m[:, None])
     track, frame = np.nonzero(SONAR.sees(seen))
     range_m, bearing_rad, _ = project(seen[track, frame])
@@ -57,7 +55,11 @@ def _describe(
     error = np.random.default_rng(1).normal(0, sigma, (len(track), 2))
     tracks = Tracks(track, frame, range_m + error[:, 0], bearing_rad + error[:, 1])
     sensors = sensor_constraints(
-        sequence, config.backend, poses, np.tile([0.002, 0.005], (len(poses) - 1, 1)), measured=True
+        sequence,
+        read_navigation(sequence, config.backend),
+        poses,
+        np.tile([0.002, 0.005], (len(poses) - 1, 1)),
+        measured=True,
     )
     solution = solve_tracks(tracks, sequence, poses, sensors, config)
     return solution, _describe_landmarks(solution, sequence, config)
@@ -125,9 +127,13 @@ def test_tracks_that_contradict_themselves_become_no_landmark() -> None:
     range_m[:10] = jumping.T
     track, frame = np.divmod(np.arange(range_m.size), len(poses))
     tracks = Tracks(track, frame, range_m.ravel(), bearing_rad.ravel())
-    sequence = Sequence("made up", SONAR, np.arange(len(poses), dtype=np.float64), _no_frame)
+    sequence = Sequence("made up", SONAR, np.arange(len(poses), dtype=np.float64), no_frame)
     sensors = sensor_constraints(
-        sequence, INDEPENDENT.backend, poses, np.tile([0.002, 0.005], (len(poses) - 1, 1)), measured=True
+        sequence,
+        read_navigation(sequence, INDEPENDENT.backend),
+        poses,
+        np.tile([0.002, 0.005], (len(poses) - 1, 1)),
+        measured=True,
     )
     solution = solve_tracks(tracks, sequence, poses, sensors, INDEPENDENT)
     landmarks = _describe_landmarks(solution, sequence, INDEPENDENT)
@@ -137,8 +143,8 @@ def test_tracks_that_contradict_themselves_become_no_landmark() -> None:
 
 def test_no_tracks_give_no_landmarks() -> None:
     poses = _sway(0.1, 3)
-    sequence = Sequence("made up", SONAR, np.arange(3, dtype=np.float64), _no_frame)
-    sensors = sensor_constraints(sequence, INDEPENDENT.backend, poses, np.full((2, 2), 0.01), measured=True)
+    sequence = Sequence("made up", SONAR, np.arange(3, dtype=np.float64), no_frame)
+    sensors = make_constraints(sequence, poses, np.full((2, 2), 0.01), measured=True, config=INDEPENDENT.backend)
     nothing = Tracks(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
     solution = solve_tracks(nothing, sequence, poses, sensors, INDEPENDENT)
     landmarks = _describe_landmarks(solution, sequence, INDEPENDENT)
@@ -155,6 +161,6 @@ def test_points_outside_their_beams_are_no_landmarks(
     astray = int(landmarks.track[3])
     xyz_m[astray] = place_m
     spoiled = replace(solution, bundle=replace(solution.bundle, xyz_m=xyz_m))
-    sequence = Sequence("made up", SONAR, np.arange(10, dtype=np.float64), _no_frame, LEVER_ARM)
+    sequence = Sequence("made up", SONAR, np.arange(10, dtype=np.float64), no_frame, LEVER_ARM)
     kept = _describe_landmarks(spoiled, sequence, INDEPENDENT).track
     np.testing.assert_array_equal(kept, np.delete(landmarks.track, 3))

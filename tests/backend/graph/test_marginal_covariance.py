@@ -8,21 +8,17 @@ from scipy.spatial.transform import Rotation
 from asfm.backend.graph.bundle_adjustment import Bundle, adjust_bundle
 from asfm.backend.graph.marginal_covariance import FRAMES_AT_ONCE, measure_uncertainty
 from asfm.backend.graph.problem import FIRST_POINT, FIRST_POSE, BundleProblem
-from asfm.config import BackendConfig
 from asfm.geometry.poses import invert, make_pose, transform
 from asfm.geometry.sonar import SonarModel, project
-from asfm.navigation.sensor_constraints import SensorConstraints, sensor_constraints
+from asfm.navigation.sensor_constraints import SensorConstraints
 from asfm.sequence import Sequence
-from asfm.types import FloatArray, Frame, IntArray, Tracks
+from asfm.types import FloatArray, IntArray, Tracks
+from tests.worlds import make_constraints, no_frame
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (500, 128), np.deg2rad(20))
 LEVER_ARM = make_pose(np.array([0.4, -0.1, -0.2]), Rotation.from_euler("ZYX", [0.1, 0.2, 0.0]))
 FRAMES = FRAMES_AT_ONCE + 6
 """More than are looked at at once."""
-
-
-def _no_frame(index: int) -> Frame:
-    raise AssertionError(f"frame {index} must not be read")
 
 
 @pytest.fixture(scope="module")
@@ -37,9 +33,9 @@ def bundle() -> Bundle:
     sigma = np.array([0.01, 0.005])
     error = rng.normal(0, sigma, (len(track), 2))
     tracks = Tracks(track, frame, range_m + error[:, 0], bearing_rad + error[:, 1])
-    sequence = Sequence("made up", SONAR, along.astype(float), _no_frame, LEVER_ARM)
+    sequence = Sequence("made up", SONAR, along.astype(float), no_frame, LEVER_ARM)
     steps = np.tile([0.003, 0.02], (FRAMES - 1, 1))
-    sensors: SensorConstraints = sensor_constraints(sequence, BackendConfig(), poses, steps, measured=True)
+    sensors: SensorConstraints = make_constraints(sequence, poses, steps, measured=True)
     observed = np.ones(len(tracks), dtype=bool)
     problem = BundleProblem(
         tracks, observed, np.tile(sigma, (len(tracks), 1)), sensors, LEVER_ARM, SONAR.elevation_aperture_rad / 2

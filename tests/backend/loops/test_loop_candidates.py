@@ -23,7 +23,8 @@ from asfm.pipeline import loop_closure as loops
 from asfm.pipeline.reconstruction import reconstruct
 from asfm.sequence import Sequence
 from asfm.simulation.simulate import simulate
-from asfm.types import FloatArray, Frame, Keypoints, Matches, SensorNoise, Tracks
+from asfm.types import FloatArray, Keypoints, Matches, SensorNoise, Tracks
+from tests.worlds import no_frame, number_keypoints
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.6, 0.6), (600, 256), np.deg2rad(20))
 SIGMA = np.array([0.02, 0.005])
@@ -64,13 +65,13 @@ def make_round_trip(seed: int, count: int = 30) -> RoundTrip:
     frame, point, track = frame[order], point[order], track[order]
     range_m, bearing_rad, _ = project(seen[frame, point])
     noise = rng.normal(0, SIGMA, (len(frame), 2))
-    tracks = Tracks(track, frame, range_m + noise[:, 0], bearing_rad + noise[:, 1])
+    tracks = number_keypoints(Tracks(track, frame, range_m + noise[:, 0], bearing_rad + noise[:, 1]))
     bundle = _adjust(tracks, np.stack(start), steps, xyz_m[key // 2])
     partner = np.searchsorted(key, 2 * point)  # the way out's track of the same point
     back = (frame >= count - 5) & np.isin(2 * point, key)
     again = Tracks(partner[back], frame[back], tracks.range_m[back], tracks.bearing_rad[back])
     stated = SensorNoise(odometry_rotation_rad=STEP_SIGMA[0], odometry_translation_m=STEP_SIGMA[1])
-    sequence = Sequence("round trip", SONAR, np.arange(count, dtype=float), _no_frame, noise=stated)
+    sequence = Sequence("round trip", SONAR, np.arange(count, dtype=float), no_frame, noise=stated)
     return RoundTrip(
         truth,
         Solution(tracks, np.ones(len(track), dtype=bool), bundle, _pose_problem(tracks, steps), np.ones(tracks.count)),
@@ -109,10 +110,6 @@ def _adjust(tracks: Tracks, start: FloatArray, steps: FloatArray, xyz_m: FloatAr
     poses = np.stack([values.atPose3(FIRST_POSE + index).matrix() for index in range(len(start))])
     points = np.stack([values.atPoint3(FIRST_POINT + index) for index in range(len(xyz_m))])
     return Bundle(poses, points, np.ones(len(xyz_m), dtype=bool), graph, graph, values)
-
-
-def _no_frame(index: int) -> Frame:
-    raise AssertionError("nobody needs the images")
 
 
 def _error_m(poses: FloatArray, truth: FloatArray) -> float:

@@ -7,8 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from asfm.config import Config
+from asfm.frontend.loops.false_alarms import log_false_alarms
 from asfm.frontend.loops.keypoint_tracks import KeypointTracks
-from asfm.frontend.loops.loop_verification import LoopCheck, are_mutually_consistent, log_false_alarms, verify_loop
+from asfm.frontend.loops.loop_check import LoopCheck, are_mutually_consistent
+from asfm.frontend.loops.loop_verification import verify_loop
 from asfm.frontend.matching.pair_matching import match_pairs
 from asfm.geometry.poses import invert, make_pose, transform
 from asfm.geometry.sonar import SonarModel, project
@@ -18,7 +20,8 @@ from asfm.types import FloatArray, IntArray, Keypoints, Tracks
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.6, 0.6), (600, 256), np.deg2rad(20))
 CONFIG = Config()
 WIDTH = 2 * CONFIG.patch_radius_px + 1
-NO_TRACKS = Tracks(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
+NONE = np.zeros(0, dtype=np.int64)
+NO_TRACKS = Tracks(NONE, NONE, np.zeros(0), np.zeros(0), keypoint=NONE)
 
 
 @dataclass(frozen=True)
@@ -208,4 +211,6 @@ def _track(sights: list[Sight]) -> Tracks:
     order = np.lexsort((frame, point))
     order = order[point[order] >= 0]
     _, track = np.unique(point[order], return_inverse=True)
-    return Tracks(track.astype(np.int64), frame[order], places[0][order], places[1][order])
+    keypoint = np.concatenate([np.arange(len(sight.point)) for sight in sights])
+    range_m, bearing_rad = (place[order] for place in places)
+    return Tracks(track.astype(np.int64), frame[order], range_m, bearing_rad, keypoint=keypoint[order])

@@ -10,7 +10,9 @@ from scipy.spatial.transform import Rotation
 from asfm.config import Config, Filter, MatchingConfig, SslConfig
 from asfm.config_file import load_config
 from asfm.errors import AsfmError
-from asfm.frontend.matching.filters import FILTERS, FramePair, filter_matches
+from asfm.frontend.matching.filter_chain import filter_pairs
+from asfm.frontend.matching.filters import FILTERS
+from asfm.frontend.matching.frame_pair import FramePair
 from asfm.frontend.matching.nearest import NearestNeighbours
 from asfm.geometry.elevation_arcs import project_arcs
 from asfm.geometry.poses import make_pose, transform
@@ -49,6 +51,10 @@ def make_pair(seed: int = 0, count: int = COUNT, wrong: int = WRONG) -> FramePai
     return FramePair(a, b, nearest, SONAR, arcs, np.tile([0.02, 0.01], (count, 1)))
 
 
+def filter_matches(pair: FramePair, frame_a: int, frame_b: int, config: Config) -> Matches:
+    return filter_pairs([pair], [(frame_a, frame_b)], config.matching.filters, config)[0]
+
+
 def config_of(*names: Filter) -> Config:
     return Config(matching=MatchingConfig(filters=names))
 
@@ -70,7 +76,7 @@ def test_in_every_order_the_first_to_object_is_remembered(names: tuple[Filter, .
     assert found.filters == names
     assert set(found.index[:, 0].tolist()) == set(range(WRONG, COUNT))
     assert sorted([*found.index[:, 0].tolist(), *found.rejected[:, 0].tolist()]) == list(range(COUNT))
-    first = FILTERS[names[0]](pair, config_of())[0]
+    ((first, _),) = FILTERS[names[0]]([pair], config_of())
     assert found.rejected[found.rejected_by == 0, 0].tolist() == np.flatnonzero(~first).tolist()
     assert sum(found.count_rejected().values()) == WRONG
 
@@ -102,12 +108,16 @@ def test_the_arc_says_nothing_without_a_prediction() -> None:
     assert len(filter_matches(pair, 0, 1, config_of("arc"))) == COUNT
 
 
-def test_the_clique_asks_for_the_sonar_in_one_line() -> None:
-    whole = make_pair()
-    pair = FramePair(whole.keypoints_a, whole.keypoints_b, whole.nearest)
-    with pytest.raises(AsfmError, match="'clique' needs the sonar") as error:
-        filter_matches(pair, 0, 1, config_of("clique"))
-    assert "\n" not in str(error.value)
+def test_the_list_of_filters_is_an_argument_and_pairs_do_not_influence_each_other() -> None:
+    pairs, frames = [make_pair(0), make_pair(1, count=20, wrong=3)], [(0, 1), (1, 2)]
+    names: tuple[Filter, ...] = ("ratio", "ssl", "arc")
+    together = filter_pairs(pairs, frames, names, config_of("mutual"))
+    for pair, (a, b), found in zip(pairs, frames, together, strict=True):
+        alone = filter_matches(pair, a, b, config_of(*names))
+        assert (found.frame_a, found.frame_b, found.filters) == (a, b, names)
+        np.testing.assert_array_equal(found.index, alone.index)
+        np.testing.assert_allclose(found.cost, alone.cost, rtol=1e-6)
+    assert filter_pairs([], [], names, config_of()) == []
 
 
 def test_every_filter_that_can_be_asked_for_exists() -> None:

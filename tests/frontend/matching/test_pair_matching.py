@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from asfm.config import Config, MatchingConfig, SslConfig
 from asfm.frontend.matching.nearest import match_keypoints
-from asfm.frontend.matching.pair_matching import match_frames, match_pairs, match_with_previous
+from asfm.frontend.matching.pair_matching import match_pairs, match_with_previous
 from asfm.frontend.matching.ssl import structural_spatial_loss
 from asfm.geometry.poses import make_pose, transform
 from asfm.geometry.sonar import SonarModel, back_project, project
@@ -14,10 +14,17 @@ from asfm.navigation.pose_prediction import PosePrediction
 from asfm.types import FloatArray, IntArray, Keypoints, Matches
 
 COUNT, WIDTH = 30, 15
+SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (600, 256), 0.2)
+
+
+def match_frames(
+    a: int, b: int, keypoints: list[Keypoints], config: Config, predicted: PosePrediction | None = None
+) -> Matches:
+    return match_pairs([(a, b)], keypoints, config, SONAR, predicted)[0]
 
 
 def sight(seed: int, order_seed: int, torn: tuple[int, ...] = ()) -> Keypoints:
-    """The scene's features in an order of their own; of the torn ones the squares show something else."""
+    """The scene's features in an order of their own; of the torn ones the patches show something else."""
     scene, own = np.random.default_rng(seed), np.random.default_rng(order_seed)
     descriptors = scene.integers(0, 256, (COUNT, 61), dtype=np.uint8)
     patches = scene.random((COUNT, WIDTH, WIDTH)).astype(np.float32)
@@ -31,8 +38,8 @@ def sight(seed: int, order_seed: int, torn: tuple[int, ...] = ()) -> Keypoints:
 
 def nothing_seen() -> Keypoints:
     none = np.zeros(0)
-    squares = np.zeros((0, WIDTH, WIDTH), dtype=np.float32)
-    return Keypoints(np.zeros((0, 2)), none, none, none, np.zeros((0, 61), dtype=np.uint8), squares)
+    patches = np.zeros((0, WIDTH, WIDTH), dtype=np.float32)
+    return Keypoints(np.zeros((0, 2)), none, none, none, np.zeros((0, 61), dtype=np.uint8), patches)
 
 
 def names(keypoints: Keypoints, index: IntArray) -> list[int]:
@@ -72,12 +79,12 @@ def test_each_frame_meets_those_before_it_nearest_first(max_gap: int) -> None:
     config = Config(matching=MatchingConfig(max_gap=max_gap))
     keypoints = [sight(0, order) for order in range(6)]
     for frame in range(6):
-        pairs = [(match.frame_a, match.frame_b) for match in match_with_previous(frame, keypoints, config)]
+        pairs = [(match.frame_a, match.frame_b) for match in match_with_previous(frame, keypoints, config, SONAR)]
         assert pairs == [(frame - gap, frame) for gap in range(1, min(max_gap, frame) + 1)]
 
 
 def test_later_frames_need_not_be_there_yet() -> None:
-    assert len(match_with_previous(1, [sight(0, 0), sight(0, 1)], Config())) == 1
+    assert len(match_with_previous(1, [sight(0, 0), sight(0, 1)], Config(), SONAR)) == 1
 
 
 def test_frames_without_keypoints_have_empty_matches() -> None:
@@ -93,11 +100,10 @@ def test_other_scenes_share_next_to_nothing() -> None:
 
 def test_pairs_that_somebody_names_are_matched() -> None:
     keypoints = [sight(0, order) for order in range(5)]
-    found = match_pairs([(0, 4), (3, 1)], keypoints, Config())
+    found = match_pairs([(0, 4), (3, 1)], keypoints, Config(), SONAR)
     assert [(match.frame_a, match.frame_b, len(match)) for match in found] == [(0, 4, COUNT), (3, 1, COUNT)]
 
 
-SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (600, 256), 0.2)
 GUIDED = Config(matching=MatchingConfig(guided=True))
 B_FROM_A = make_pose(np.array([0.1, -0.2, 0.0]), Rotation.from_euler("z", 0.1))
 """Frame b's sonar is the world, so that frame a's pose is the relative one."""
@@ -128,8 +134,8 @@ def right(matches: Matches) -> int:
 
 def test_a_prediction_tells_points_apart_that_look_alike() -> None:
     keypoints = views(1, alike=3)
-    free = match_frames(0, 1, keypoints, Config(), SONAR)
-    guided = match_frames(0, 1, keypoints, GUIDED, SONAR, predict(B_FROM_A))
+    free = match_frames(0, 1, keypoints, Config())
+    guided = match_frames(0, 1, keypoints, GUIDED, predict(B_FROM_A))
     assert right(guided) > 0.85 * COUNT > 0.5 * COUNT > right(free)
     assert right(guided) == len(guided)
 
@@ -138,20 +144,20 @@ def test_a_prediction_that_the_images_contradict_is_not_believed() -> None:
     keypoints = views(2, alike=1)
     elsewhere = make_pose(np.array([1.5, 1.0, 0.0]), Rotation.from_euler("z", -0.5))
     for config in (Config(), GUIDED):
-        found = match_frames(0, 1, keypoints, config, SONAR, predict(elsewhere))
+        found = match_frames(0, 1, keypoints, config, predict(elsewhere))
         assert right(found) == len(found) > 0.9 * COUNT
 
 
 def test_without_guidance_what_looks_alike_is_lost() -> None:
     keypoints = views(1, alike=3)
-    free = match_frames(0, 1, keypoints, Config(), SONAR, predict(B_FROM_A))
+    free = match_frames(0, 1, keypoints, Config(), predict(B_FROM_A))
     assert right(free) < 0.5 * COUNT
 
 
 def test_nothing_seen_is_no_match_with_a_prediction_too() -> None:
     for pair in ([nothing_seen(), views(1, 1)[1]], [views(1, 1)[0], nothing_seen()]):
         for config in (Config(), GUIDED):
-            assert len(match_frames(0, 1, pair, config, SONAR, predict(B_FROM_A))) == 0
+            assert len(match_frames(0, 1, pair, config, predict(B_FROM_A))) == 0
 
 
 def test_many_pairs_at_once_are_matched_as_one_by_one() -> None:
@@ -162,7 +168,7 @@ def test_many_pairs_at_once_are_matched_as_one_by_one() -> None:
     for guess in (None, predicted):
         together = match_pairs(pairs, keypoints, GUIDED, SONAR, guess)
         for (a, b), found in zip(pairs, together, strict=True):
-            alone = match_frames(a, b, keypoints, GUIDED, SONAR, guess)
+            alone = match_frames(a, b, keypoints, GUIDED, guess)
             assert (found.frame_a, found.frame_b) == (a, b)
             for name in ("index", "cost", "rejected", "rejected_by"):
                 np.testing.assert_allclose(getattr(found, name), getattr(alone, name), rtol=1e-6)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asfm.frontend.matching.planar_ransac import find_planar_outliers, pick_surest_pairs
+from asfm.frontend.matching.planar_ransac import cheapest_pairs, find_planar_outliers
 from asfm.geometry.planar_motion import estimate_planar_motion_msac
 from asfm.geometry.poses import make_pose
 from asfm.types import FloatArray
@@ -30,7 +30,7 @@ def test_outliers_go_even_where_most_are_and_none_is_surer(seed: int) -> None:
 
 
 def test_surest_matches_are_tried_each_with_each() -> None:
-    pairs = pick_surest_pairs(np.array([0.5, 0.1, 0.9, 0.2]), count=3)
+    pairs = cheapest_pairs(np.array([0.5, 0.1, 0.9, 0.2]), count=3)
     assert {frozenset(pair) for pair in pairs.tolist()} == {frozenset(pair) for pair in ([1, 3], [1, 0], [3, 0])}
 
 
@@ -54,5 +54,5 @@ def test_too_few_are_not_judged(count: int) -> None:
 
 def test_points_on_one_spot_give_no_nan() -> None:
     xy = np.ones((6, 2))
-    motion, agrees = estimate_planar_motion_msac(xy, xy, np.full(6, 0.1), pick_surest_pairs(np.zeros(6)))
+    motion, agrees = estimate_planar_motion_msac(xy, xy, np.full(6, 0.1), cheapest_pairs(np.zeros(6)))
     assert np.isfinite(motion).all() and agrees.all()

@@ -44,7 +44,7 @@ class World:
         )
         of_track = point[np.searchsorted(track, np.arange(track[-1] + 1))]
         return TriangulatedTracks(
-            Tracks(track, frame, range_m, bearing_rad),
+            Tracks(track, frame, range_m, bearing_rad, keypoint=keypoint),
             self.keypoints,
             self.xyz_m[of_track],
             np.ones(len(of_track), dtype=bool),
@@ -235,7 +235,8 @@ def test_what_is_known_is_not_added_again() -> None:
 def test_nothing_known_proposes_nothing() -> None:
     world = make_world()
     triangulated = world.solve(one_label_each())
-    nothing = Tracks(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
+    none = np.zeros(0, dtype=np.int64)
+    nothing = Tracks(none, none, np.zeros(0), np.zeros(0), keypoint=none)
     assert (
         match_to_landmarks(
             replace(triangulated, tracks=nothing, xyz_m=np.zeros((0, 3)), has_point=np.zeros(0, dtype=bool)), WINDOW

@@ -175,10 +175,10 @@ def test_sigma_is_not_known_where_a_match_states_none() -> None:
 
 
 def make_tracks(rng: np.random.Generator, count: int) -> Tracks:
-    """Tracks of three observations each, at places that no other has."""
-    return Tracks(
-        np.repeat(np.arange(count), 3), np.tile(np.arange(3), count), rng.random(3 * count), rng.random(3 * count)
-    )
+    """Tracks of three observations each, of keypoints that no other has."""
+    keypoint = np.repeat(rng.choice(2**40, count, replace=False), 3)
+    track, frame = np.repeat(np.arange(count), 3), np.tile(np.arange(3), count)
+    return Tracks(track, frame, rng.random(3 * count), rng.random(3 * count), keypoint=keypoint)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -190,6 +190,29 @@ def test_what_changed_is_counted_by_observations_and_not_by_numbers_of_tracks(se
     assert share_changed(tracks, used, other, used) == 1
     assert share_changed(tracks, used, tracks, fewer) == share_changed(tracks, fewer, tracks, used) == 0.25
     order = np.argsort(19 - tracks.track, kind="stable")
-    turned = Tracks(tracks.track, tracks.frame[order], tracks.range_m[order], tracks.bearing_rad[order])
+    assert tracks.keypoint is not None
+    turned = replace(tracks, frame=tracks.frame[order], keypoint=tracks.keypoint[order])
     assert share_changed(tracks, used, turned, used) == 0
     assert share_changed(tracks, ~used, tracks, ~used) == 0
+
+
+def test_observations_know_their_keypoints_even_where_two_lie_at_one_place() -> None:
+    """Keypoints 0 and 1 of each of three frames coincide; only keypoint 1 is matched."""
+    place, patches = np.array([[3.0, 4.0], [3.0, 4.0], [8.0, 9.0]]), np.zeros((3, 3, 3), dtype=np.float32)
+    frame = Keypoints(place, place[:, 0], place[:, 1], np.ones(3), np.zeros((3, 61), dtype=np.uint8), patches)
+    matches = [Matches(a, a + 1, np.array([[1, 1]]), np.zeros(1)) for a in range(2)]
+    tracks = build_tracks([frame] * 3, matches)
+    assert tracks.keypoint is not None
+    assert (tracks.frame.tolist(), tracks.keypoint.tolist()) == ([0, 1, 2], [1, 1, 1])
+    assert tracks.select(tracks.frame > 0).keypoint is not None
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_observations_are_those_of_their_keypoints(seed: int) -> None:
+    case = make_case(seed, 5, 5, 0.4)
+    tracks = build_tracks(case.keypoints, case.matches)
+    assert tracks.keypoint is not None and len(tracks)
+    for frame, keypoint, range_m, bearing_rad in zip(
+        tracks.frame, tracks.keypoint, tracks.range_m, tracks.bearing_rad, strict=True
+    ):
+        assert (range_m, bearing_rad) == tuple(case.keypoints[frame].range_bearing[keypoint])
