@@ -1,4 +1,4 @@
-"""A sequence of sonar frames with its navigation, read lazily: what every reader returns."""
+"""Sequence of sonar frames with navigation and calibration: what every reader returns."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ from asfm.types import FloatArray, Frame, HandTracks, Navigation, SensorNoise, T
 
 @dataclass(frozen=True)
 class Sequence:
-    """Frames of one sonar in time order. Images stay on disk until :meth:`frame` asks for one."""
+    """Frames of one sonar in time order. Images are read one at a time, by :attr:`read_frame`."""
 
     name: str
     sonar: SonarModel
@@ -21,7 +21,7 @@ class Sequence:
     read_frame: Callable[[int], Frame]
     """Reads frame i (0..N-1); raises AsfmError naming the file where it cannot."""
     vehicle_from_sonar: FloatArray = field(default_factory=lambda: np.eye(4))
-    """(4, 4) where the sonar sits on the vehicle (the lever arm)."""
+    """(4, 4) mounting of the sonar on the vehicle (lever arm)."""
     odometry: Trajectory | None = None
     """Dead-reckoned world_from_vehicle, drifting."""
     navigation: Navigation | None = None
@@ -30,9 +30,9 @@ class Sequence:
     noise: SensorNoise = field(default_factory=SensorNoise)
     hand_tracks: HandTracks | None = None
     kind: str = "native"
-    """Name of the format it was read from."""
+    """Name of the file format."""
     diagnostics: tuple[Diagnostic, ...] = ()
-    """What the reader noticed and worked around."""
+    """Problems that the reader found and worked around."""
 
     def __len__(self) -> int:
         return len(self.timestamps_s)

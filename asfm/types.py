@@ -1,6 +1,6 @@
-"""The contracts between the rooms of the house: frozen dataclasses and nothing else.
+"""Data types passed between the packages: frozen dataclasses and nothing else.
 
-Conventions, everywhere the same: metres, radians, seconds. Sonar frame x forward, y to port, z up. An image is float32
+Conventions: metres, radians, seconds. Sonar frame x forward, y to port, z up. An image is float32
 in 0..1 of shape (ranges, beams); row 0 is nearest, column 0 is the most starboard beam. Pixel centres are at +0.5.
 """
 
@@ -29,11 +29,11 @@ class Frame:
     invalid: BoolArray
     """(ranges, beams), true where the pixel holds no data (overlay, dead beam)."""
     decibel_span: float | None = None
-    """Decibels between 0 and 1 where the image is logarithmic; None where it is proportional to the amplitude."""
+    """Decibels spanned by 0..1 where the image is logarithmic; None where it is proportional to the amplitude."""
 
     @property
     def amplitude(self) -> ImageArray:
-        """(ranges, beams) image proportional to the echoes' amplitude, in 0..1."""
+        """(ranges, beams) image proportional to the echo amplitude, in 0..1."""
         if self.decibel_span is None:
             return self.image
         return np.asarray(np.float32(10) ** ((self.image - 1) * np.float32(self.decibel_span / 20)), dtype=np.float32)
@@ -41,10 +41,10 @@ class Frame:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Poses with their own stamps, in strictly rising order."""
+    """Poses with their time stamps."""
 
     timestamps_s: FloatArray
-    """(N,)"""
+    """(N,), strictly rising."""
     world_from_vehicle: FloatArray
     """(N, 4, 4) rigid transforms."""
 
@@ -62,7 +62,7 @@ class Navigation:
 
 @dataclass(frozen=True)
 class SensorNoise:
-    """Standard deviations that a sequence states for its own sensors."""
+    """Standard deviations of a sequence's sensors."""
 
     odometry_translation_m: float = 0.02
     """Each axis, one step between frames."""
@@ -75,10 +75,10 @@ class SensorNoise:
 
 @dataclass(frozen=True)
 class HandTracks:
-    """Points of the scene that somebody tracked by hand through the images."""
+    """Points of the scene tracked through the images by hand."""
 
     timestamps_s: FloatArray
-    """(O,), as are the others."""
+    """(O,), as the other arrays."""
     landmark: IntArray
     range_m: FloatArray
     bearing_rad: FloatArray
@@ -95,11 +95,11 @@ class Keypoints:
     bearing_rad: FloatArray
     """(K,)"""
     response: FloatArray
-    """(K,) strength of the detector's response."""
+    """(K,) detector response."""
     descriptors: Descriptors
     """(K, D) bytes of binary descriptors, compared by Hamming distance, or float32, compared by Euclidean distance."""
     patches: ImageArray
-    """(K, 2r+1, 2r+1) patches of the stretched image around each keypoint, for the structural-and-spatial loss."""
+    """(K, 2r+1, 2r+1) patches of the warped image around each keypoint; (0, ...) once they are dropped."""
 
     def __len__(self) -> int:
         return len(self.range_m)
@@ -110,34 +110,34 @@ class Keypoints:
         return np.stack([self.range_m, self.bearing_rad], axis=1)
 
     def without_patches(self) -> "Keypoints":
-        """Give the same keypoints without their patches, which take most of the memory."""
+        """Return the same keypoints without their patches, which take most of the memory."""
         return replace(self, patches=self.patches[:0])
 
 
 @dataclass(frozen=True)
 class Matches:
-    """Pairs of keypoints of two frames thought to show the same point."""
+    """Matched keypoints of two frames."""
 
     frame_a: int
     frame_b: int
     index: IntArray
-    """(M, 2) keypoint of frame_a, keypoint of frame_b: those that every filter let pass."""
+    """(M, 2) keypoint of frame_a, keypoint of frame_b: the matches that passed every filter."""
     cost: FloatArray
-    """(M,) smaller is better."""
+    """(M,) smaller is more reliable; tracks are built from the cheapest matches first."""
     rejected: NDArray[np.int32] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int32))
-    """(R, 2) keypoint of frame_a, keypoint of frame_b: those that a filter rejected."""
+    """(R, 2) keypoint of frame_a, keypoint of frame_b: the matches that a filter rejected."""
     rejected_by: NDArray[np.int8] = field(default_factory=lambda: np.zeros(0, dtype=np.int8))
-    """(R,) which of the filters."""
+    """(R,) index into filters of the one that rejected it."""
     filters: tuple[str, ...] = ()
-    """Names of the filters that have judged, in their order."""
+    """Names of the filters that were applied, in their order."""
     sigma: FloatArray | None = None
-    """(M, 2) standard deviations of the keypoints' places in range_m and bearing_rad, as their surroundings say."""
+    """(M, 2) standard deviations of the keypoints' range_m and bearing_rad, from the alignment of their patches."""
 
     def __len__(self) -> int:
         return len(self.index)
 
     def reject(self, which: BoolArray, name: str) -> "Matches":
-        """Move some of the (M,) matches to the rejected ones, and remember the filter that did it."""
+        """Move the selected (M,) matches to the rejected ones, under the name of a filter."""
         filters = self.filters if name in self.filters else (*self.filters, name)
         number = np.full(int(which.sum()), filters.index(name), dtype=np.int8)
         return replace(
@@ -151,7 +151,7 @@ class Matches:
         )
 
     def count_rejected(self) -> dict[str, int]:
-        """Count what each filter rejected, by its name."""
+        """Return the number of matches that each filter rejected, by its name."""
         counts = np.bincount(self.rejected_by, minlength=len(self.filters)).tolist()
         return dict(zip(self.filters, counts, strict=True))
 
@@ -177,10 +177,10 @@ class ExternalMatches:
 
 @dataclass(frozen=True)
 class Tracks:
-    """Observations of landmarks in frames, sorted by (track, frame): all that the back-end learns of the images."""
+    """Observations of landmarks in frames, sorted by (track, frame): the only interface of front-end and back-end."""
 
     track: IntArray
-    """(O,) number of the track, 0..count-1, every number in use."""
+    """(O,) index of the track, 0..count-1, without gaps."""
     frame: IntArray
     """(O,) index of the frame; no two observations of a track share one."""
     range_m: FloatArray
@@ -196,7 +196,7 @@ class Tracks:
         return len(self.track)
 
     def select(self, chosen: BoolArray) -> "Tracks":
-        """Keep the chosen (O,) observations and number the tracks that are left."""
+        """Return the chosen (O,) observations, with the remaining tracks renumbered."""
         _, track = np.unique(self.track[chosen], return_inverse=True)
         return Tracks(
             track=track.astype(np.int64),
@@ -230,7 +230,7 @@ class Tracks:
 
 @dataclass(frozen=True)
 class Landmarks:
-    """Triangulated points in the world, with what is known of their error."""
+    """Triangulated points with their uncertainty."""
 
     track: IntArray
     """(L,) the track each landmark was made from."""
@@ -243,9 +243,9 @@ class Landmarks:
     views: IntArray
     """(L,) number of frames that observe the landmark."""
     well_constrained: BoolArray
-    """(L,) false where the motion does not determine the elevation: show the arc, not the point."""
+    """(L,) false where the motion does not determine the elevation: the arc is shown instead of the point."""
     arc_m: FloatArray
-    """(L, A, 3) elevation arc of the landmark in the world frame, as the frame that saw it last sees it."""
+    """(L, A, 3) elevation arc of the last frame that observed the landmark, in the world frame."""
 
     def __len__(self) -> int:
         return len(self.track)
@@ -253,13 +253,13 @@ class Landmarks:
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """What a run knows in the end."""
+    """Result of a run."""
 
     trajectory: Trajectory
     """One pose a frame of the sequence."""
     tracks: Tracks
     observed: BoolArray
-    """(O,) the observations of the tracks that entered the final graph; the others contradicted their track's point."""
+    """(O,) observations in the final graph; the others are outliers of their track's point."""
     landmarks: Landmarks
     pose_covariance: FloatArray
     """(N, 6, 6) marginal covariance of each pose: rotation in rad and translation in m, in the vehicle's frame."""
@@ -269,7 +269,7 @@ class Reconstruction:
 
 @dataclass(frozen=True)
 class FrameTruth:
-    """What no recording knows of a frame and a simulation does."""
+    """Ground truth of a simulated frame."""
 
     elevation_rad: FloatArray
     """(ranges, beams), elevation of each pixel's strongest surface, energy-weighted; NaN where nothing echoes."""

@@ -76,6 +76,20 @@ def test_dump_names_every_setting() -> None:
     assert keys(yaml.safe_load(dump_config(Config()))) == names(Config())
 
 
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("loops.min_likeness", "loops.min_similarity"), ("localisation.spread_factor", "localisation.sigma_scale")],
+)
+def test_renamed_keys_are_accepted_and_written_with_their_new_name(tmp_path: Path, old: str, new: str) -> None:
+    section, key = old.split(".")
+    renamed = load_config(write(tmp_path, f"{section}: {{{key}: 0.25}}"))
+    assert renamed == load_config(None, (f"{old}=0.25",)) == load_config(None, (f"{new}=0.25",)) != Config()
+    assert load_config(write(tmp_path, f"{section}: {{{key}: 0.25}}"), (f"{new}=0.5",)) == load_config(
+        None, (f"{new}=0.5",)
+    )
+    assert key not in dump_config(renamed)
+
+
 def test_override_wins_over_file_and_file_over_default(tmp_path: Path) -> None:
     path = write(tmp_path, "seed: 3\nmatching:\n  max_gap: 5\n  ratio: 0.7\n")
     config = load_config(path, ("matching.max_gap=2", "clusters.radius_px=1e0"))
