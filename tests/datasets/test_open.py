@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from asfm.datasets import open_sequence, open_truth
 from asfm.datasets.native.writer import write_native
 from asfm.datasets.sequence_summary import path_length_m, summarise_sequence
+from asfm.diagnostics import Diagnostic
 from asfm.errors import AsfmError
 from asfm.geometry.poses import make_pose
 from asfm.geometry.sonar import SonarModel
@@ -46,6 +47,13 @@ def test_importing_the_readers_is_light() -> None:
     subprocess.run([sys.executable, "-c", loaded], check=True)
 
 
+DIAGNOSTICS = (
+    Diagnostic("variable-sound-speed", "the sound speed varies"),
+    Diagnostic("duplicate-frames", "two frames repeat", ((3, 4),)),
+    Diagnostic("assumed-aperture", "14 degrees", severity="info"),
+)
+
+
 def make_sequence(count: int = 11) -> Sequence:
     sonar = SonarModel("test sonar", np.linspace(1, 2, 5), np.radians([-10.0, -4.0, 0.0, 5.0]), np.radians(12))
     stamps_s = 0.5 * np.arange(count, dtype=np.float64)
@@ -61,7 +69,7 @@ def make_sequence(count: int = 11) -> Sequence:
         vehicle_from_sonar=make_pose(np.array([0.3, 0.0, 0.4]), Rotation.from_euler("y", 20, degrees=True)),
         odometry=Trajectory(stamps_s, poses),
         kind="native",
-        warnings=("mind the gap", "and the other"),
+        diagnostics=DIAGNOSTICS,
     )
 
 
@@ -79,7 +87,11 @@ def test_the_summary_states_numbers_with_units() -> None:
     assert table["lever arm"] == "0.500 m, turned by 20.0 deg"
     assert table["invalid pixels"] == "20.00 % of the first frame"
     assert table["echo level"].startswith("mean 0.250")
-    assert [value for name, value in rows if name == "warning"] == ["mind the gap", "and the other"]
+    assert rows[-3:] == [
+        ("warning", "the sound speed varies [variable-sound-speed]"),
+        ("warning", "two frames repeat [duplicate-frames]"),
+        ("info", "14 degrees [assumed-aperture]"),
+    ]
     assert all("\n" not in value for _, value in rows)
 
 

@@ -157,8 +157,9 @@ def test_a_file_that_shrinks_after_opening_is_named(tmp_path: Path) -> None:
 
 def test_a_changing_speed_of_sound_is_a_warning_with_numbers(tmp_path: Path) -> None:
     frames = [pack_header(1, speed_m_s=1440.0) + BODY, pack_header(2, speed_m_s=1441.0) + BODY]
-    (warning,) = read_aris(write_file(tmp_path / "a.aris", frames)).warnings
-    assert "1440.00 to 1441.00 m/s" in warning
+    (diagnostic,) = read_aris(write_file(tmp_path / "a.aris", frames)).diagnostics
+    assert diagnostic.code == "variable-sound-speed" and diagnostic.severity == "warning"
+    assert "1440.00 to 1441.00 m/s" in diagnostic.message
 
 
 def test_the_makers_sample(shared_data: Path) -> None:
@@ -167,7 +168,8 @@ def test_the_makers_sample(shared_data: Path) -> None:
     assert (len(sequence), sequence.sonar.shape) == (6, (2000, 48))
     assert sequence.sonar.range_edges_m[0] == pytest.approx(3.2976, abs=1e-3)
     assert sequence.sonar.range_edges_m[-1] - sequence.sonar.range_edges_m[0] == pytest.approx(20.103, abs=1e-3)
-    assert "telephoto" in sequence.sonar.name and "telephoto" in sequence.warnings[0]
+    assert "telephoto" in sequence.sonar.name
+    assert [item.code for item in sequence.diagnostics] == ["assumed-aperture"]
     images: FloatArray = np.stack([frame.image for frame in sequence]).astype(np.float64)
     neighbours = np.corrcoef(images[2].ravel(), images[3].ravel())[0, 1]
     mirrored = np.corrcoef(images[2].ravel(), images[3][:, ::-1].ravel())[0, 1]

@@ -61,7 +61,7 @@ def test_a_folder_reads_as_it_was_written(tmp_path: Path) -> None:
     for frame, state in zip(sequence, states, strict=True):
         np.testing.assert_array_equal(frame.image, state["ImagingSonar"], err_msg="10.pkl comes after 9.pkl")
         assert type(frame.image) is np.ndarray
-    assert sequence.groundtruth is not None and sequence.warnings == ()
+    assert sequence.groundtruth is not None and sequence.diagnostics == ()
     poses = np.stack([state["PoseSensor"] for state in states])
     np.testing.assert_allclose(sequence.groundtruth.world_from_vehicle, poses, atol=1e-6)
     np.testing.assert_array_equal(sequence.vehicle_from_sonar, np.eye(4))
@@ -91,23 +91,27 @@ def test_lengths_are_divided_by_ds_factor(tmp_path: Path) -> None:
 def test_without_usable_times_frames_are_stamped_at_the_sonars_rate(tmp_path: Path) -> None:
     silent = [{key: value for key, value in make_state(index).items() if key != "t"} for index in range(3)]
     stuck = [make_state(index, t=1.0) for index in range(3)]
-    cases = {"none": (silent, 0), "stuck": (stuck, 1), "some": ([*silent[:2], make_state(2)], 1)}
-    for name, (states, warnings) in cases.items():
+    unreliable = ["unreliable-stamps"]
+    cases = {"none": (silent, []), "stuck": (stuck, unreliable), "some": ([*silent[:2], make_state(2)], unreliable)}
+    for name, (states, codes) in cases.items():
         sequence = open_sequence(write_folder(tmp_path / name, states))
         np.testing.assert_allclose(sequence.timestamps_s, [0, 0.25, 0.5])
-        assert len(sequence.warnings) == warnings
+        assert [item.code for item in sequence.diagnostics] == codes
 
 
 def test_a_pose_sensor_that_sits_elsewhere_gives_no_ground_truth(tmp_path: Path) -> None:
     config = make_config(pose={"rotation": [0, 0, 0]})
     sequence = open_sequence(write_folder(tmp_path / "a", [make_state(0)], config))
-    assert sequence.groundtruth is None and "rotation" in sequence.warnings[0]
+    assert sequence.groundtruth is None
+    assert [item.code for item in sequence.diagnostics] == ["pose-not-of-sonar"]
 
 
 def test_ticks_without_the_sonar_are_left_out(tmp_path: Path) -> None:
     states = [make_state(0), {"t": 10.5}, make_state(2)]
     sequence = open_sequence(write_folder(tmp_path / "a", states))
-    assert len(sequence) == 2 and "1 of 3 pickles" in sequence.warnings[0]
+    (diagnostic,) = sequence.diagnostics
+    assert len(sequence) == 2 and diagnostic.code == "incomplete-records"
+    assert "1 of 3 pickles" in diagnostic.message
 
 
 @pytest.mark.parametrize(

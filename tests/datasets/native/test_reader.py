@@ -195,9 +195,9 @@ def test_odometry_that_is_too_short_is_a_warning_with_numbers(tmp_path: Path) ->
     assert sequence.odometry is not None
     short = Trajectory(sequence.odometry.timestamps_s[:3], sequence.odometry.world_from_vehicle[:3])
     write_native(tmp_path / "sequence", dataclasses.replace(sequence, odometry=short))
-    warnings = read_native(tmp_path / "sequence").warnings
-    assert len(warnings) == 1
-    assert "odometry.tum" in warnings[0] and "2 of 5 frames" in warnings[0]
+    (diagnostic,) = read_native(tmp_path / "sequence").diagnostics
+    assert diagnostic.code == "partial-sensor-coverage" and diagnostic.frames == ((3, 4),)
+    assert "odometry.tum" in diagnostic.message and "2 of 5 frames" in diagnostic.message
 
 
 def test_a_frame_that_does_not_exist_is_a_programmers_error(tmp_path: Path) -> None:

@@ -333,7 +333,7 @@ def test_hand_tracks_lie_on_echoes_and_their_mirror_images_do_not(shared_data: P
 
 def test_the_simulated_recording_has_all_its_sensors(shared_data: Path) -> None:
     sequence = open_sequence(shared_data / "simulated_seafloor")
-    assert sequence.sonar.shape == (600, 256) and len(sequence) == 80 and sequence.warnings == ()
+    assert sequence.sonar.shape == (600, 256) and len(sequence) == 80 and sequence.diagnostics == ()
     assert sequence.odometry is not None and sequence.navigation is not None and sequence.groundtruth is not None
     assert sequence.noise.odometry_rotation_rad == pytest.approx(np.radians(0.3))
     read = open_native_truth(shared_data / "simulated_seafloor")

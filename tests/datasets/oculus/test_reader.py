@@ -114,18 +114,19 @@ def test_the_frequency_says_the_aperture(tmp_path: Path) -> None:
     for mode, aperture_deg, name in ((1, 20, "low frequency"), (2, 12, "high frequency")):
         sequence = open_bytes(tmp_path, pack_ping(mode=mode))
         assert np.degrees(sequence.sonar.elevation_aperture_rad) == pytest.approx(aperture_deg)
-        assert name in sequence.sonar.name and sequence.warnings == ()
-    (warning,) = open_bytes(tmp_path, pack_ping(mode=9)).warnings
-    assert "mode 9" in warning and "12 degrees" in warning
+        assert name in sequence.sonar.name and sequence.diagnostics == ()
+    (diagnostic,) = open_bytes(tmp_path, pack_ping(mode=9)).diagnostics
+    assert diagnostic.code == "assumed-aperture"
+    assert "mode 9" in diagnostic.message and "12 degrees" in diagnostic.message
     other = read_oculus(tmp_path / "a.raw", elevation_aperture_deg=15)
-    assert np.degrees(other.sonar.elevation_aperture_rad) == pytest.approx(15) and other.warnings == ()
+    assert np.degrees(other.sonar.elevation_aperture_rad) == pytest.approx(15) and other.diagnostics == ()
 
 
 def test_stamps_are_the_clock_s_where_it_is_one(tmp_path: Path) -> None:
     starts = (100.0, 100.3, 100.4)
     clocked = open_bytes(tmp_path, *[pack_ping(version=2, start=start) for start in starts])
     np.testing.assert_array_equal(clocked.timestamps_s, starts)
-    assert clocked.warnings == ()
+    assert clocked.diagnostics == ()
 
 
 @pytest.mark.parametrize(
@@ -144,15 +145,14 @@ def test_other_stamps_are_spaced_evenly(
 ) -> None:
     sequence = open_bytes(tmp_path, *[pack_ping(version=version, rate=rate, start=start) for start in starts])
     np.testing.assert_allclose(sequence.timestamps_s, np.arange(3) / hz)
-    (warning,) = sequence.warnings
-    assert f"evenly at {hz:g} Hz" in warning
+    (diagnostic,) = sequence.diagnostics
+    assert diagnostic.code == "unreliable-stamps" and f"evenly at {hz:g} Hz" in diagnostic.message
 
 
 def test_a_small_change_of_resolution_is_a_warning(tmp_path: Path) -> None:
-    (warning,) = open_bytes(
-        tmp_path, pack_ping(version=2, start=1), pack_ping(version=2, start=2, step_m=0.2501)
-    ).warnings
-    assert "0.25 to 0.2501 m" in warning
+    pings = pack_ping(version=2, start=1), pack_ping(version=2, start=2, step_m=0.2501)
+    (diagnostic,) = open_bytes(tmp_path, *pings).diagnostics
+    assert diagnostic.code == "variable-range-resolution" and "0.25 to 0.2501 m" in diagnostic.message
 
 
 GOOD = pack_ping()
@@ -214,7 +214,7 @@ def test_text_is_no_recording(tmp_path: Path) -> None:
 
 def test_a_real_ping_reads_and_survives_conversion(tmp_path: Path, shared_data: Path) -> None:
     sequence = open_sequence(shared_data / "oculus_ping" / "one_ping_8bit.raw")
-    assert (len(sequence), sequence.sonar.shape, sequence.warnings) == (1, (703, 256), ())
+    assert (len(sequence), sequence.sonar.shape, sequence.diagnostics) == (1, (703, 256), ())
     assert sequence.sonar.range_edges_m[-1] == pytest.approx(1.998, abs=1e-3)
     np.testing.assert_allclose(np.degrees(sequence.sonar.bearing_rad[[0, -1]]), [-30, 30], atol=1e-9)
     image = sequence.read_frame(0).image
