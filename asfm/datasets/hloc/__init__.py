@@ -1,1 +1,1 @@
-"""Keypoints and matches in hloc's HDF5 layout."""
+"""Keypoints and matches in the HDF5 layout of hloc (Hierarchical-Localization)."""

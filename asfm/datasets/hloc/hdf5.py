@@ -1,4 +1,4 @@
-"""HDF5 files of strangers: groups and arrays of numbers, and one clear line for what is wrong."""
+"""Validated reading of HDF5 files from other programs: groups and arrays of finite numbers."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 
 from asfm.errors import AsfmError
 
-LARGEST = 1 << 28
-"""Numbers in one array: a file of some bytes may claim to hold any number."""
+MAX_ARRAY_SIZE = 1 << 28
+"""Numbers in one array: a small file may claim an array of any size."""
 
 
 @contextmanager
 def open_hdf5(path: Path, mode: Literal["r", "w"] = "r") -> Iterator[Any]:
-    """Open a file for the length of a block.
+    """Open an HDF5 file as a context manager that yields an ``h5py.File``.
 
     Raises:
-        AsfmError: it is not there, not HDF5, or breaks off.
+        AsfmError: the file is missing, not HDF5 or damaged, or cannot be written; also where the block fails to read.
     """
     import h5py
 
@@ -29,12 +29,20 @@ def open_hdf5(path: Path, mode: Literal["r", "w"] = "r") -> Iterator[Any]:
         with h5py.File(path, mode) as file:
             yield file
     except (OSError, RuntimeError, KeyError) as error:
-        what = "write" if mode == "w" else "read as HDF5"
-        raise AsfmError(f"{path}: cannot {what}: {' '.join(str(error).split())}") from None
+        action = "write" if mode == "w" else "read as HDF5"
+        raise AsfmError(f"{path}: cannot {action}: {' '.join(str(error).split())}") from None
 
 
-def walk_groups(path: Path, file: Any, array: str) -> list[tuple[str, Any]]:
-    """List all groups that hold a certain array, however deep, with their full names; links are not followed.
+def find_groups(path: Path, file: Any, array: str) -> list[tuple[str, Any]]:
+    """Find all groups at any depth that hold an array of a given name; links are not followed.
+
+    Args:
+        path: the file, for messages.
+        file: open ``h5py.File``.
+        array: name of the array.
+
+    Returns:
+        The full name and the group of each.
 
     Raises:
         AsfmError: there is none.
@@ -43,21 +51,30 @@ def walk_groups(path: Path, file: Any, array: str) -> list[tuple[str, Any]]:
 
     found: list[tuple[str, Any]] = []
 
-    def look_at(name: str, thing: Any) -> None:
-        if isinstance(thing, h5py.Group) and array in thing:
-            found.append((name, thing))
+    def collect(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Group) and array in item:
+            found.append((name, item))
 
-    file.visititems(look_at)
+    file.visititems(collect)
     if not found:
         raise AsfmError(f"{path}: expected groups that hold {array!r}, found none")
     return found
 
 
 def read_array(where: str, group: Any, name: str, shape: tuple[int | None, ...]) -> NDArray[Any]:
-    """Read an array of finite numbers of a given shape, None standing for any length.
+    """Read an array of finite numbers.
+
+    Args:
+        where: the file and the group, for messages.
+        group: ``h5py.Group`` that holds the array.
+        name: name of the array.
+        shape: expected length of each axis, None for any.
+
+    Returns:
+        The array, with the numbers' own type.
 
     Raises:
-        AsfmError: it is something else, or its numbers lie in another file.
+        AsfmError: it is no array of numbers, has another shape, is not finite, or is stored in another file.
     """
     import h5py
 
@@ -66,15 +83,15 @@ def read_array(where: str, group: Any, name: str, shape: tuple[int | None, ...])
         kind = data.dtype if isinstance(data, h5py.Dataset) else "a group"
         raise AsfmError(f"{where}: expected numbers in {name}, found {kind}")
     if data.external or data.is_virtual or group.get(name, getlink=True).__class__ is not h5py.HardLink:
-        raise AsfmError(f"{where}: {name} lies in another file: copy it into this one")
+        raise AsfmError(f"{where}: {name} is a link to another file or place: copy the array itself")
     expected = [length if length is not None else "any" for length in shape]
-    fits = len(data.shape) == len(shape) and all(
+    has_shape = len(data.shape) == len(shape) and all(
         length in (None, found) for length, found in zip(shape, data.shape, strict=True)
     )
-    if not fits or data.size > LARGEST:
+    if not has_shape or data.size > MAX_ARRAY_SIZE:
         raise AsfmError(f"{where}: expected {name} of the shape {expected}, found {list(data.shape)}")
     values = np.asarray(data[()])
     if not np.isfinite(values).all():
         row = int(np.argwhere(~np.isfinite(values))[0][0])
-        raise AsfmError(f"{where}: expected finite numbers in {name}, found others, the first in row {row}")
+        raise AsfmError(f"{where}: expected finite numbers in {name}, found NaN or infinity, the first in row {row}")
     return values

@@ -1,4 +1,4 @@
-"""What the images of a sequence are called by other programs, and which way their columns run."""
+"""Names of a sequence's images in other programs' files, and the direction of their columns."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,27 +9,31 @@ from asfm.sequence import Sequence
 
 @dataclass(frozen=True)
 class ImageNames:
-    """The images of a sequence as they lie on disk."""
+    """Names, size and column order of the images on disk."""
 
     names: tuple[str, ...]
-    """One a frame: the path in frames.csv, or the frame's number in six digits where images are not files."""
+    """One per frame: the path in frames.csv, or the frame number in six digits where frames are not image files."""
     shape: tuple[int, int]
     """(ranges, beams)"""
     descending: bool = False
-    """Column 0 on disk is the most port beam; asfm's is the most starboard one."""
+    """Whether column 0 on disk is the port-most beam, whereas asfm's is the starboard-most."""
 
     def find_frames(self) -> dict[str, int]:
-        """Give the frame of every name that goes: with or without its folder, with or without its suffix."""
+        """Return the frame of every accepted name: with or without folder, with or without suffix."""
         found: dict[str, int] = {}
         for frame, name in enumerate(self.names):
             path = Path(name)
-            for form in (name, path.name, path.with_suffix("").as_posix(), path.stem):
-                found.setdefault(form, frame)
+            for variant in (name, path.name, path.with_suffix("").as_posix(), path.stem):
+                found.setdefault(variant, frame)
         return found
 
 
 def name_images(path: Path, sequence: Sequence) -> ImageNames:
-    """Name the images of the sequence that was opened at a path.
+    """Return the image names of a sequence.
+
+    Args:
+        path: where the sequence was opened.
+        sequence: the sequence.
 
     Raises:
         AsfmError: frames.csv or sequence.yaml of a native folder cannot be read.

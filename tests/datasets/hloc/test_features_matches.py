@@ -133,9 +133,12 @@ def _replace(file: Any, name: str, values: Any) -> None:
 A, PAIR = "images/a.png", "images-a.png/images-c.png"
 FAULTS: dict[str, tuple[Damage, str]] = {
     "no image": (lambda f, m: [f.pop(name) for name in list(f)], "features.h5.*'keypoints', found none"),
-    "a missing image": (lambda f, m: f.pop("images/b.png"), r"features.h5.*all 3 images.*none of 'images/b.png'"),
-    "a stranger": (lambda f, m: f.copy(A, "images/x.png"), "features.h5.*'images/x.png' is none of the sequence's"),
-    "an image twice": (lambda f, m: f.copy(A, "a.png"), "twice"),
+    "a missing image": (lambda f, m: f.pop("images/b.png"), r"features.h5.*all 3 images.*none for 'images/b.png'"),
+    "a stranger": (
+        lambda f, m: f.copy(A, "images/x.png"),
+        "features.h5: expected images of the sequence.*'images/x.png'",
+    ),
+    "an image twice": (lambda f, m: f.copy(A, "a.png"), "second group of frame 0"),
     "three columns": (lambda f, m: _replace(f, f"{A}/keypoints", np.zeros((5, 3))), r"keypoints of.*\[5, 3\]"),
     "NaN": (lambda f, m: _replace(f, f"{A}/keypoints", np.full((5, 2), np.nan)), r"finite numbers in keypoints.*row 0"),
     "text": (lambda f, m: _replace(f, f"{A}/keypoints", "many"), "expected numbers in keypoints"),
@@ -145,13 +148,13 @@ FAULTS: dict[str, tuple[Damage, str]] = {
     "another size": (lambda f, m: _replace(f, f"{A}/image_size", np.array([99, 40])), "expected image_size"),
     "an image's link": (
         lambda f, m: _replace(f, f"{A}/keypoints", h5py.ExternalLink("/etc/x.h5", "/y")),
-        "cannot read as HDF5|another file",
+        "cannot read as HDF5|link to another file",
     ),
     "no pair": (lambda f, m: m.pop("images-a.png"), "matches.h5.*'matches0', found none"),
-    "an unknown pair": (lambda f, m: m.copy(PAIR, "images-a.png/who.png"), "two of the sequence's images.*who.png"),
-    "a frame with itself": (lambda f, m: m.copy(PAIR, "images-a.png/a.png"), "two of the sequence's images"),
+    "an unknown pair": (lambda f, m: m.copy(PAIR, "images-a.png/who.png"), "two images of the sequence.*who.png"),
+    "a frame with itself": (lambda f, m: m.copy(PAIR, "images-a.png/a.png"), "two images of the sequence"),
     "few matches": (lambda f, m: _replace(m, f"{PAIR}/matches0", np.zeros(4, dtype=int)), r"shape \[5\], found \[4\]"),
-    "broken numbers": (lambda f, m: _replace(m, f"{PAIR}/matches0", np.zeros(5)), "whole numbers in matches0"),
+    "broken numbers": (lambda f, m: _replace(m, f"{PAIR}/matches0", np.zeros(5)), "integers in matches0"),
     "an index too far": (lambda f, m: _replace(m, f"{PAIR}/matches0", np.full(5, 7)), r"matches0\[0\] is 7.*0..6"),
     "an index below": (lambda f, m: _replace(m, f"{PAIR}/matches0", np.full(5, -2)), r"matches0\[0\] is -2"),
     "NaN scores": (lambda f, m: _replace(m, f"{PAIR}/matching_scores0", np.full(5, np.nan)), "finite numbers"),
