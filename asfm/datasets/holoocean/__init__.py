@@ -1,1 +1,1 @@
-"""HoloOcean, NeuSIS and AONeuS pickles."""
+"""Recordings of the HoloOcean simulator, as pickles."""

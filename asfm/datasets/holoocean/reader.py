@@ -1,65 +1,55 @@
-"""Reader of HoloOcean recordings as NeuSIS and AONeuS keep them: Config.json and one pickle a frame.
+"""Reader of HoloOcean recordings in the layout of NeuSIS and AONeuS: Config.json and one pickle per frame.
 
 A pickle holds the state of one tick, {"ImagingSonar": (ranges, beams), "PoseSensor": 4 x 4 world_from_sonar, "t": s}.
-Row 0 is nearest and column 0 starboard; both agree with the conventions inside.
+Row 0 is nearest and column 0 is starboard, as everywhere in asfm.
 """
 
-import re
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from asfm.datasets.holoocean.config_json import Scenario, read_scenario
-from asfm.datasets.holoocean.safe_pickle import load_pickle
+from asfm.datasets.holoocean.ticks import Tick, load_state, read_image, read_ticks
 from asfm.datasets.images import scale_to_unit
 from asfm.diagnostics import Diagnostic
 from asfm.errors import AsfmError
-from asfm.geometry.poses import make_pose
 from asfm.geometry.sonar import SonarModel
 from asfm.sequence import Sequence
 from asfm.types import BoolArray, FloatArray, Frame, ImageArray, Trajectory
 
-ROTATION_TOLERANCE = 1e-3
-"""Poses are float32, good to 1e-6; more than this is no rotation."""
-
 
 @dataclass(frozen=True)
 class PickledFrames:
-    """Where the images of one recording lie."""
+    """Location of the images of one recording."""
 
     timestamps_s: FloatArray
     paths: tuple[Path, ...]
     sonar_name: str
     shape: tuple[int, int]
-
-
-@dataclass(frozen=True)
-class _Tick:
-    """What one pass over the pickles keeps of each."""
-
-    path: Path
-    shape: tuple[int, int]
-    time_s: float | None
-    world_from_sonar: FloatArray | None
+    """(ranges, beams)"""
 
 
 def is_holoocean(path: Path) -> bool:
-    """Tell whether a folder, or the one above it, holds Config.json and pickles."""
+    """Return whether a folder, or its parent, holds Config.json and pickles."""
     return _find_folders(path) is not None
 
 
 def read_holoocean(path: Path) -> Sequence:
-    """Open a folder of pickles; each is read once for its pose and time, its image again when asked for.
+    """Open a folder of pickles; all are read once for poses and times, and again for each image on demand.
 
-    The PoseSensor's poses become the ground truth and the vehicle's frame is the sonar's. Stamps are the recorded
-    times where all pickles have them and they rise, else the frame's number over the sonar's rate.
+    Args:
+        path: the folder of Config.json, or that of the pickles.
+
+    Returns:
+        The sequence. Its ground truth is the poses of the PoseSensor, the vehicle's frame being the sonar's. Its stamps
+        are the recorded times where all pickles have them and they increase, else the frame number over the sonar's
+        rate.
 
     Raises:
-        AsfmError: Config.json or a pickle is missing, damaged or does not fit the others; the message names it.
+        AsfmError: Config.json or a pickle is missing, damaged or inconsistent with the others; the message names it.
     """
     folders = _find_folders(path)
     if folders is None:
@@ -67,35 +57,32 @@ def read_holoocean(path: Path) -> Sequence:
     root, data = folders
     scenario = read_scenario(root / "Config.json")
     diagnostics: list[Diagnostic] = []
-    ticks = _read_ticks(data, scenario, diagnostics)
-    shape = ticks[0].shape
-    scenario.check_shape(shape, ticks[0].path)
+    ticks = read_ticks(data, scenario, diagnostics)
+    scenario.check_shape(ticks[0].shape, ticks[0].path)
     timestamps_s = _choose_timestamps(ticks, scenario, diagnostics)
-    frames = PickledFrames(timestamps_s, tuple(tick.path for tick in ticks), scenario.sonar_name, shape)
-    sonar = SonarModel.evenly_spaced(
-        name=f"HoloOcean {scenario.sonar_name}",
-        range_m=scenario.range_m,
-        bearing_rad=(-scenario.azimuth_rad / 2, scenario.azimuth_rad / 2),
-        shape=shape,
-        elevation_aperture_rad=scenario.elevation_rad,
-    )
+    frames = PickledFrames(timestamps_s, tuple(tick.path for tick in ticks), scenario.sonar_name, ticks[0].shape)
     return Sequence(
         name=root.resolve().name,
-        sonar=sonar,
+        sonar=_make_sonar(scenario, frames.shape),
         timestamps_s=timestamps_s,
         read_frame=partial(read_pickled_frame, frames),
-        groundtruth=_gather_groundtruth(ticks, timestamps_s, scenario, diagnostics),
+        groundtruth=_collect_groundtruth(ticks, timestamps_s, scenario, diagnostics),
         kind="holoocean",
         diagnostics=tuple(diagnostics),
     )
 
 
 def read_pickled_frame(frames: PickledFrames, index: int) -> Frame:
-    """Read one image; what is not finite becomes 0 and invalid, the rest is clipped to 0..1."""
+    """Read one image, clipped to 0..1; pixels that are not finite become 0 and invalid.
+
+    Raises:
+        AsfmError: the pickle cannot be read, or its image has another shape.
+        IndexError: there is no such frame.
+    """
     if not 0 <= index < len(frames.paths):
         raise IndexError(f"frame {index} of a sequence with frames 0..{len(frames.paths) - 1}")
     path = frames.paths[index]
-    pixels = _pick_image(path, _load_state(path), frames.sonar_name)
+    pixels = read_image(path, load_state(path), frames.sonar_name)
     if pixels.shape != frames.shape:
         raise AsfmError(
             f"{path}: expected {frames.sonar_name} of shape {frames.shape} (ranges, beams) as in the first pickle, "
@@ -105,89 +92,42 @@ def read_pickled_frame(frames: PickledFrames, index: int) -> Frame:
 
 
 def _find_folders(path: Path) -> tuple[Path, Path] | None:
-    """Find the folder of Config.json and the folder of the pickles."""
+    """Return the folder of Config.json and the folder of the pickles, or None where there are none."""
     for root, data in ((path, path / "Data"), (path, path), (path.resolve().parent, path)):
         if (root / "Config.json").is_file() and data.is_dir() and next(data.glob("*.pkl"), None) is not None:
             return root, data
     return None
 
 
-def _read_ticks(data: Path, scenario: Scenario, diagnostics: list[Diagnostic]) -> list[_Tick]:
-    paths = sorted(data.glob("*.pkl"), key=_number_in_name)
-    ticks = []
-    for path in paths:
-        state = _load_state(path)
-        if scenario.sonar_name not in state:
-            continue
-        shape = _pick_image(path, state, scenario.sonar_name).shape
-        time_s = None if "t" not in state else _pick_time(path, state["t"])
-        pose = _pick_pose(path, state[scenario.pose_name], scenario.scale) if scenario.pose_name in state else None
-        ticks.append(_Tick(path, (shape[0], shape[1]), time_s, pose))
-    if not ticks:
-        raise AsfmError(f"{data}: expected {scenario.sonar_name} in the pickles, found it in none of {len(paths)}")
-    if len(ticks) < len(paths):
-        message = f"{len(paths) - len(ticks)} of {len(paths)} pickles hold no {scenario.sonar_name} and are left out"
-        diagnostics.append(Diagnostic("incomplete-records", message))
-    return ticks
+def _make_sonar(scenario: Scenario, shape: tuple[int, int]) -> SonarModel:
+    return SonarModel.evenly_spaced(
+        name=f"HoloOcean {scenario.sonar_name}",
+        range_m=scenario.range_m,
+        bearing_rad=(-scenario.azimuth_rad / 2, scenario.azimuth_rad / 2),
+        shape=shape,
+        elevation_aperture_rad=scenario.elevation_rad,
+    )
 
 
-def _number_in_name(path: Path) -> tuple[int, str]:
-    """Sort 2.pkl before 10.pkl: the numbers are not always padded."""
-    numbers = re.findall(r"\d+", path.stem)
-    return int(numbers[-1]) if numbers else -1, path.name
-
-
-def _load_state(path: Path) -> dict[Any, Any]:
-    state = load_pickle(path)
-    if not isinstance(state, dict):
-        raise AsfmError(f"{path}: expected a dict of sensors, found {type(state).__name__}")
-    return state
-
-
-def _pick_image(path: Path, state: dict[Any, Any], name: str) -> Any:
-    pixels = np.asarray(state.get(name))
-    is_number = np.issubdtype(pixels.dtype, np.floating) or pixels.dtype == np.uint8
-    if pixels.ndim != 2 or min(pixels.shape) < 2 or not is_number:
-        raise AsfmError(
-            f"{path}: expected {name} as (ranges, beams) of floats or uint8, "
-            f"found shape {pixels.shape} of {pixels.dtype}"
-        )
-    return pixels
-
-
-def _pick_time(path: Path, value: Any) -> float:
-    time_s = np.asarray(value)
-    if time_s.size != 1 or time_s.dtype.kind not in "iuf" or not np.isfinite(time_s).all():
-        raise AsfmError(f"{path}: expected one finite number of seconds as t, found {str(value)[:60]!r}")
-    return float(time_s.item())
-
-
-def _pick_pose(path: Path, value: Any, scale: float) -> FloatArray:
-    pose = np.asarray(value)
-    if pose.shape != (4, 4) or pose.dtype.kind not in "iuf" or not np.isfinite(pose).all():
-        raise AsfmError(f"{path}: expected a finite 4 x 4 pose, found {' '.join(str(pose).split())[:80]}")
-    rotation = pose[:3, :3].astype(np.float64)
-    if np.abs(rotation @ rotation.T - np.eye(3)).max() > ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
-        raise AsfmError(f"{path}: expected a rotation in the pose, found {' '.join(str(rotation).split())[:120]}")
-    return make_pose(pose[:3, 3].astype(np.float64) / scale, Rotation.from_matrix(rotation))
-
-
-def _choose_timestamps(ticks: list[_Tick], scenario: Scenario, diagnostics: list[Diagnostic]) -> FloatArray:
+def _choose_timestamps(ticks: list[Tick], scenario: Scenario, diagnostics: list[Diagnostic]) -> FloatArray:
+    """Return the stamps (N,) in seconds: recorded, or nominal where those cannot be used."""
     nominal_s = np.arange(len(ticks)) / scenario.rate_hz
     times_s = [tick.time_s for tick in ticks if tick.time_s is not None]
     if not times_s:
         return nominal_s
     if len(times_s) == len(ticks) and np.all(np.diff(times_s) > 0):
         return np.array(times_s)
-    reason = "do not rise" if len(times_s) == len(ticks) else f"are missing from {len(ticks) - len(times_s)} pickles"
+    missing = len(ticks) - len(times_s)
+    reason = f"are missing from {missing} pickles" if missing else "do not increase"
     message = f"the recorded times {reason}: frames are stamped at the sonar's nominal {scenario.rate_hz:g} Hz"
     diagnostics.append(Diagnostic("unreliable-stamps", message))
     return nominal_s
 
 
-def _gather_groundtruth(
-    ticks: list[_Tick], timestamps_s: FloatArray, scenario: Scenario, diagnostics: list[Diagnostic]
+def _collect_groundtruth(
+    ticks: list[Tick], timestamps_s: FloatArray, scenario: Scenario, diagnostics: list[Diagnostic]
 ) -> Trajectory | None:
+    """Return the poses of the ticks that have one, or None where there are none or they are not the sonar's."""
     if not scenario.pose_is_of_sonar:
         message = (
             "PoseSensor and sonar differ in socket, location or rotation in Config.json: its poses are not the sonar's "
@@ -203,6 +143,7 @@ def _gather_groundtruth(
 
 
 def _unit_image(pixels: Any) -> tuple[ImageArray, BoolArray]:
+    """Return the image in 0..1 and its mask of invalid pixels, both (ranges, beams)."""
     if pixels.dtype == np.uint8:
         return scale_to_unit(pixels), np.zeros(pixels.shape, dtype=bool)
     invalid = ~np.isfinite(pixels)

@@ -1,7 +1,7 @@
-"""Unpickle numpy arrays, numbers, strings, lists, tuples, dicts, and nothing else.
+"""Restricted unpickler for untrusted files: numpy arrays, numbers, strings, lists, tuples and dicts only.
 
-A pickle is a program: it may call whatever its reader lets it look up. Here it may look up numpy's own helpers only,
-and gets stand-ins for them that check their arguments, so that no stranger's byte reaches numpy's internals unchecked.
+A pickle is a program that may call whatever its reader lets it look up. Here it can look up numpy's own helpers only,
+and gets replacements for them that check their arguments, so that no unchecked byte reaches numpy's internals.
 """
 
 import io
@@ -18,19 +18,25 @@ from numpy.typing import NDArray
 from asfm.errors import AsfmError
 
 PLAIN_DTYPE = re.compile(r"[biufSU]\d{1,6}")
-"""Booleans, integers, floats, strings; no objects, no records, no dates."""
+"""Allowed type codes: booleans, integers, floats and strings; no objects, records or dates."""
 BYTE_ORDERS = ("<", ">", "|", "=")
 
 
 class _Refused(Exception):
-    """The pickle asks for something that is not admitted."""
+    """The pickle asks for something that is not allowed."""
 
 
 def load_pickle(path: Path) -> Any:
-    """Read a pickle of numpy arrays and plain values; arrays come as a subclass of ndarray, so pass them to np.asarray.
+    """Load a pickle of numpy arrays and plain values without running code from it.
+
+    Args:
+        path: the file.
+
+    Returns:
+        The value; arrays are of a subclass of ndarray, so pass them to ``np.asarray``.
 
     Raises:
-        AsfmError: the file cannot be read, is damaged, or asks for a class or function that is not admitted.
+        AsfmError: the file cannot be read, is damaged, or asks for a class or function that is not allowed.
     """
     try:
         content = path.read_bytes()
@@ -39,14 +45,14 @@ def load_pickle(path: Path) -> Any:
     try:
         return _Unpickler(io.BytesIO(content)).load()
     except _Refused as refusal:
-        raise AsfmError(f"{path}: expected numpy arrays and plain values, found {refusal}: nothing was run") from None
+        raise AsfmError(f"{path}: expected numpy arrays and plain values, found {refusal}: no code was run") from None
     except Exception as error:  # a damaged pickle raises almost anything
         text = " ".join(str(error).split())[:120]
         raise AsfmError(f"{path}: expected a pickle, found damaged bytes: {type(error).__name__} {text}") from None
 
 
-class _Admitted:
-    """A function that a pickle may call but not alter: functions of a module would accept new attributes."""
+class _AllowedFunction:
+    """A function that a pickle may call but not modify: plain functions would accept new attributes."""
 
     __slots__ = ("_function",)
 
@@ -61,11 +67,11 @@ class _Admitted:
 
 
 class _Dtype:
-    """Stand-in of numpy.dtype: the kind and size first, the byte order later."""
+    """Replacement of numpy.dtype: created with kind and size, then given the byte order as its state."""
 
     __slots__ = ("_code", "_order")
 
-    def __init__(self, code: Any, *flags: Any) -> None:
+    def __init__(self, code: Any, *_flags: Any) -> None:
         if not isinstance(code, str) or not PLAIN_DTYPE.fullmatch(code):
             raise _Refused(f"an array of type {str(code)[:40]!r}")
         self._code, self._order = code, "="
@@ -76,12 +82,12 @@ class _Dtype:
         self._order = state[1]
 
     def resolve(self) -> np.dtype[Any]:
-        """Make the real dtype."""
+        """Return the numpy dtype."""
         return np.dtype(f"{self._order}{self._code}")
 
 
 class _PlainArray(np.ndarray[Any, np.dtype[Any]]):
-    """An array that checks the state that a pickle gives it."""
+    """Array that validates the state that a pickle gives it."""
 
     def __setstate__(self, state: Any) -> None:
         _, shape, dtype, is_fortran, content = state
@@ -90,6 +96,7 @@ class _PlainArray(np.ndarray[Any, np.dtype[Any]]):
 
 
 def _decode(content: Any, dtype: Any, shape: Any, order: Any) -> NDArray[Any]:
+    """Make an array from its bytes, and check that type, shape and number of bytes agree."""
     if not isinstance(dtype, _Dtype) or not isinstance(content, bytes | bytearray) or order not in ("C", "F"):
         raise _Refused("an array of Python objects")
     if not (isinstance(shape, tuple) and len(shape) <= 8 and all(type(size) is int and size >= 0 for size in shape)):
@@ -100,7 +107,7 @@ def _decode(content: Any, dtype: Any, shape: Any, order: Any) -> NDArray[Any]:
     return np.frombuffer(content, dtype=resolved).reshape(shape, order="F" if order == "F" else "C")
 
 
-def _reconstruct(subtype: Any, shape: Any, code: Any) -> _PlainArray:
+def _reconstruct(subtype: Any, _shape: Any, _code: Any) -> _PlainArray:
     if subtype is not NDARRAY:
         raise _Refused("an array of a class other than ndarray")
     return np.ndarray.__new__(_PlainArray, (0,), np.uint8)
@@ -111,36 +118,36 @@ def _scalar(dtype: Any, content: Any) -> Any:
 
 
 def _encode(text: Any, encoding: Any) -> bytes:
-    """How protocols 0 to 2 write bytes."""
+    """Decode bytes as pickle protocols 0 to 2 write them, as latin1 text."""
     if not isinstance(text, str) or encoding != "latin1":
         raise _Refused("an unusual encoding")
     return text.encode("latin1")
 
 
 def _empty_bytes() -> bytes:
-    """How protocols 0 to 2 write no bytes at all."""
+    """Return empty bytes, which pickle protocols 0 to 2 write as a call without arguments."""
     return b""
 
 
 NDARRAY = object()
-"""Stand-in of numpy.ndarray: it can be named, but neither called nor made."""
+"""Replacement of numpy.ndarray: it can be named, but not called."""
 
-ADMITTED: dict[tuple[str, str], Any] = {
+ALLOWED_GLOBALS: dict[tuple[str, str], Any] = {
     ("numpy", "ndarray"): NDARRAY,
-    ("numpy", "dtype"): _Admitted(_Dtype),
-    ("_codecs", "encode"): _Admitted(_encode),
-    ("__builtin__", "bytes"): _Admitted(_empty_bytes),
-    ("builtins", "bytes"): _Admitted(_empty_bytes),
+    ("numpy", "dtype"): _AllowedFunction(_Dtype),
+    ("_codecs", "encode"): _AllowedFunction(_encode),
+    ("__builtin__", "bytes"): _AllowedFunction(_empty_bytes),
+    ("builtins", "bytes"): _AllowedFunction(_empty_bytes),
 }
 for core in ("numpy.core", "numpy._core"):  # numpy 1 and 2
-    ADMITTED[f"{core}.multiarray", "_reconstruct"] = _Admitted(_reconstruct)
-    ADMITTED[f"{core}.multiarray", "scalar"] = _Admitted(_scalar)
-    ADMITTED[f"{core}.numeric", "_frombuffer"] = _Admitted(_decode)
+    ALLOWED_GLOBALS[f"{core}.multiarray", "_reconstruct"] = _AllowedFunction(_reconstruct)
+    ALLOWED_GLOBALS[f"{core}.multiarray", "scalar"] = _AllowedFunction(_scalar)
+    ALLOWED_GLOBALS[f"{core}.numeric", "_frombuffer"] = _AllowedFunction(_decode)
 
 
 class _Unpickler(pickle.Unpickler):
     def find_class(self, module_name: str, global_name: str) -> Any:
         try:
-            return ADMITTED[module_name, global_name]
+            return ALLOWED_GLOBALS[module_name, global_name]
         except KeyError:
             raise _Refused(f"{module_name}.{global_name}"[:120]) from None
