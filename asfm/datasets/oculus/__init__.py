@@ -1,1 +1,1 @@
-"""Blueprint Oculus messages (.raw)."""
+"""Recordings of Blueprint Subsea Oculus sonars, as raw network messages (.raw)."""
