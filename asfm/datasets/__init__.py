@@ -1,4 +1,4 @@
-"""Readers: one file a format, and the writer of the native folder."""
+"""Dataset readers, one sub-package per format, and the writer of the native sequence folder."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -19,27 +19,37 @@ FORMATS: tuple[tuple[str, Callable[[Path], bool], Callable[[Path], Sequence]], .
     ("an ARIS recording (.aris)", is_aris, read_aris),
     ("an Oculus recording of raw messages (.raw)", is_oculus, read_oculus),
 )
-"""What each format looks like, how to recognise it, how to read it."""
+"""Description, recogniser and reader of each format."""
 
 
 def open_sequence(path: Path) -> Sequence:
-    """Open a sequence of any format that is read, recognised by content and not by name.
+    """Open a sequence of any supported format; the format is recognised by content, not by file name.
+
+    Args:
+        path: folder or file of the recording.
+
+    Returns:
+        The sequence; its images are read on demand.
 
     Raises:
-        AsfmError: there is nothing at the path, or nothing that is read.
+        AsfmError: the path does not exist, cannot be read, is of no supported format or is damaged.
     """
     try:
         if not path.exists():
             raise AsfmError(f"{path}: expected a sequence, found nothing there")
-        for _, recognises, read in FORMATS:
-            if recognises(path):
+        for _, is_format, read in FORMATS:
+            if is_format(path):
                 return read(path)
     except OSError as error:
         raise AsfmError(f"{path}: cannot read: {error.strerror} ({error.filename or path})") from None
-    known = "; ".join(description for description, _, _ in FORMATS)
-    raise AsfmError(f"{path}: expected one of the formats that are read ({known}), found none of them")
+    formats = "; ".join(description for description, _, _ in FORMATS)
+    raise AsfmError(f"{path}: expected one of the formats that are read ({formats}), found none of them")
 
 
 def open_truth(path: Path) -> Callable[[int], FrameTruth] | None:
-    """Give a function that reads the truth of frame i of a simulated sequence, or None where there is none."""
+    """Return a function that reads the true elevation and clean image of frame i, or None where none are stored.
+
+    Raises:
+        AsfmError: the native folder around the truth cannot be read.
+    """
     return open_native_truth(path) if is_native(path) else None

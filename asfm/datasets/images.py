@@ -1,4 +1,4 @@
-"""Grey PNG images of a sequence: their header, their pixels as 0..1, and back to bytes."""
+"""Grey PNG images: header, decoding with integrity checks, scaling to 0..1, and encoding."""
 
 import struct
 import zlib
@@ -14,28 +14,37 @@ from asfm.types import ImageArray
 Bits = Literal[8, 16]
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
+HEADER_BYTES = 33
+"""Signature and the whole IHDR chunk."""
 COLOUR_TYPES = {0: "grey", 2: "RGB", 3: "palette", 4: "grey with alpha", 6: "RGB with alpha"}
 
 
 def read_png_shape(path: Path) -> tuple[int, int]:
-    """Read (rows, columns) from a PNG's header alone.
+    """Read (rows, columns) from the header of a PNG without decoding it.
 
     Raises:
-        AsfmError: the file is missing, is no PNG or is not grey.
+        AsfmError: the file is missing, not a PNG or not grey.
     """
     try:
         with path.open("rb") as file:
-            head = file.read(33)
+            header = file.read(HEADER_BYTES)
     except OSError as error:
         raise AsfmError(f"{path}: expected a grey PNG image, found none: {error.strerror}") from None
-    return _parse_header(path, head)
+    return _parse_header(path, header)
 
 
 def read_grey_png(path: Path, shape: tuple[int, int]) -> NDArray[Any]:
-    """Read an 8- or 16-bit grey PNG of the given (rows, columns) as unsigned integers.
+    """Read an 8- or 16-bit grey PNG.
+
+    Args:
+        path: the file.
+        shape: (rows, columns) that the image must have.
+
+    Returns:
+        (rows, columns) uint8 or uint16.
 
     Raises:
-        AsfmError: the file is missing or damaged, has colours, or is of another size.
+        AsfmError: the file is missing, damaged, not grey or of another size.
     """
     import cv2
 
@@ -52,7 +61,7 @@ def read_grey_png(path: Path, shape: tuple[int, int]) -> NDArray[Any]:
     _check_chunks(path, content)
     try:
         pixels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:  # more pixels than OpenCV takes
+    except cv2.error:  # more pixels than OpenCV accepts
         pixels = None
     if pixels is None or pixels.shape != shape:
         raise AsfmError(f"{path}: expected a grey PNG image, found one that cannot be decoded: write it again")
@@ -60,7 +69,7 @@ def read_grey_png(path: Path, shape: tuple[int, int]) -> NDArray[Any]:
 
 
 def scale_to_unit(pixels: NDArray[Any]) -> ImageArray:
-    """Scale unsigned integers to float32 in 0..1 by the largest value of their type."""
+    """Scale unsigned integers to float32 in 0..1, dividing by the largest value of their type; the shape is kept."""
     return np.asarray(pixels / np.float32(np.iinfo(pixels.dtype).max), dtype=np.float32)
 
 
@@ -68,8 +77,8 @@ def encode_png(pixels: NDArray[Any]) -> bytes:
     """Encode (rows, columns) uint8 or uint16 as a grey PNG."""
     import cv2
 
-    done, content = cv2.imencode(".png", pixels)
-    assert done, "OpenCV encodes every uint8 and uint16 array"
+    encoded, content = cv2.imencode(".png", pixels)
+    assert encoded, "OpenCV encodes every uint8 and uint16 array"
     return bytes(content)
 
 
@@ -80,8 +89,10 @@ def quantise(image: ImageArray, bits: Bits) -> NDArray[Any]:
 
 
 def _parse_header(path: Path, content: bytes) -> tuple[int, int]:
-    if len(content) < 33 or not content.startswith(SIGNATURE) or content[12:16] != b"IHDR":
-        raise AsfmError(f"{path}: expected a grey PNG image, found {len(content[:33])} bytes that start no PNG")
+    if len(content) < HEADER_BYTES or not content.startswith(SIGNATURE) or content[12:16] != b"IHDR":
+        raise AsfmError(
+            f"{path}: expected a grey PNG image, found {len(content[:HEADER_BYTES])} bytes that are no PNG header"
+        )
     columns, rows, _, colour = struct.unpack_from(">IIBB", content, 16)
     if colour != 0:
         raise AsfmError(
@@ -92,7 +103,7 @@ def _parse_header(path: Path, content: bytes) -> tuple[int, int]:
 
 
 def _check_chunks(path: Path, content: bytes) -> None:
-    """Walk the chunks and their checksums: decoders fill a cut file with black and do not say so."""
+    """Check the chunks and their checksums: decoders silently fill a truncated file with black."""
     position = len(SIGNATURE)
     while position + 12 <= len(content):
         length, name = struct.unpack_from(">I4s", content, position)
@@ -100,8 +111,8 @@ def _check_chunks(path: Path, content: bytes) -> None:
         if end > len(content):
             break
         if zlib.crc32(content[position + 4 : end - 4]) != struct.unpack_from(">I", content, end - 4)[0]:
-            raise AsfmError(f"{path}: expected a whole PNG image, found a wrong checksum at byte {position}")
+            raise AsfmError(f"{path}: expected an intact PNG image, found a wrong checksum at byte {position}")
         if name == b"IEND":
             return
         position = end
-    raise AsfmError(f"{path}: expected a whole PNG image, found one cut off after {len(content)} bytes")
+    raise AsfmError(f"{path}: expected a complete PNG image, found one cut off after {len(content)} bytes")

@@ -1,4 +1,4 @@
-"""What a sequence holds, as rows of text for ``asfm info``."""
+"""Summary of a sequence as rows of text for ``asfm info``."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -9,12 +9,14 @@ from asfm.types import Frame, HandTracks, Trajectory
 
 Row = tuple[str, str]
 
-EVEN_SHARE = 1e-3
-"""Of a beam: widths that vary by less are called even."""
+EVEN_SPACING_TOLERANCE = 1e-3
+"""Beams are evenly spaced where their widths vary by less than this fraction of the mean width."""
 
 
 def summarise_sequence(sequence: Sequence) -> list[Row]:
-    """Describe a sequence as (name, value with unit) rows; reads the first frame and no other.
+    """Summarise a sequence as (name, value with unit) rows.
+
+    Only the first frame is read. Each diagnostic of the reader is a row of its own, named by its severity.
 
     Raises:
         AsfmError: the first frame cannot be read.
@@ -36,7 +38,7 @@ def summarise_sequence(sequence: Sequence) -> list[Row]:
 
 
 def path_length_m(trajectory: Trajectory) -> float:
-    """Add up the steps of a trajectory."""
+    """Return the path length: the sum of the distances between consecutive poses."""
     steps_m = np.diff(trajectory.world_from_vehicle[:, :3, 3], axis=0)
     return float(np.linalg.norm(steps_m, axis=1).sum())
 
@@ -57,7 +59,7 @@ def _describe_sonar(sonar: SonarModel) -> list[Row]:
     near_m, far_m = sonar.range_edges_m[[0, -1]]
     widths_deg = np.degrees(np.diff(sonar.bearing_edges_rad))
     right_deg, left_deg = np.degrees(sonar.bearing_edges_rad[[0, -1]])
-    is_even = np.ptp(widths_deg) <= EVEN_SHARE * widths_deg.mean()
+    is_even = np.ptp(widths_deg) <= EVEN_SPACING_TOLERANCE * widths_deg.mean()
     spacing = "evenly spaced" if is_even else f"unevenly spaced, {widths_deg.min():.3f} to {widths_deg.max():.3f} deg"
     return [
         ("sonar", sonar.name),
@@ -94,10 +96,10 @@ def _describe_hand_tracks(tracks: HandTracks | None) -> str:
 def _describe_lever_arm(sequence: Sequence) -> str:
     pose = sequence.vehicle_from_sonar
     distance_m = float(np.linalg.norm(pose[:3, 3]))
-    turn_deg = float(np.degrees(Rotation.from_matrix(pose[:3, :3]).magnitude()))
-    if distance_m < 1e-9 and turn_deg < 1e-6:
+    rotation_deg = float(np.degrees(Rotation.from_matrix(pose[:3, :3]).magnitude()))
+    if distance_m < 1e-9 and rotation_deg < 1e-6:
         return "none: the vehicle's frame is the sonar's"
-    return f"{distance_m:.3f} m, turned by {turn_deg:.1f} deg"
+    return f"{distance_m:.3f} m, turned by {rotation_deg:.1f} deg"
 
 
 def _describe_frame(frame: Frame) -> list[Row]:

@@ -1,4 +1,4 @@
-"""Text tables of a sequence: CSV with a header and TUM trajectories, checked cell by cell."""
+"""CSV tables with a header and TUM trajectories, validated cell by cell."""
 
 import csv
 from collections.abc import Callable, Iterator
@@ -8,26 +8,33 @@ import numpy as np
 
 from asfm.errors import AsfmError
 from asfm.geometry.poses import pose_from_tum
-from asfm.types import FloatArray, Trajectory
+from asfm.types import FloatArray, IntArray, Trajectory
 
 Row = tuple[int, list[str]]
-"""Line number, counted from 1, and the cells of that line."""
+"""Line number, counted from 1, and the cells on that line."""
 
 TUM_COLUMNS = ("timestamp_s", "x", "y", "z", "qx", "qy", "qz", "qw")
 QUATERNION_NORM_TOLERANCE = 0.1
-"""Rounded text is off by far less; more than this means that the columns are not what they should be."""
+"""Rounding in text changes the norm by far less; a larger deviation means that the columns are in another order."""
 
 
 def read_csv(
     path: Path, required: tuple[str, ...], optional: tuple[str, ...] = (), may_be_empty: bool = False
 ) -> tuple[dict[str, int], list[Row]]:
-    """Read a CSV file whose header names its columns, in any order.
+    """Read a CSV file whose header names the columns, in any order.
+
+    Args:
+        path: the file, UTF-8.
+        required: names of the columns that must be there.
+        optional: names of the columns that may be there.
+        may_be_empty: accept a table that has a header and no rows.
 
     Returns:
-        The position of each column by name, and the rows that are not blank, at least one unless it may be empty.
+        The position of each column by name, and the rows that are not blank.
 
     Raises:
-        AsfmError: the file cannot be read, a column is missing or unknown, a row is short or long, there is no row.
+        AsfmError: the file cannot be read, a column is missing, unknown or repeated, a row has too few or too many
+            cells, or there are no rows.
     """
     rows = list(_split_lines(path, csv_lines=True))
     expected = ",".join(required) + "".join(f"[,{name}]" for name in optional)
@@ -47,10 +54,14 @@ def read_csv(
 
 
 def read_tum(path: Path) -> Trajectory:
-    """Read a trajectory in TUM order: t x y z qx qy qz qw, separated by blanks; # starts a comment.
+    """Read a trajectory in the TUM format: rows of t x y z qx qy qz qw in seconds and metres; # starts a comment.
+
+    Returns:
+        The poses (N, 4, 4) and their stamps (N,).
 
     Raises:
-        AsfmError: naming file and line where a row is short, not finite or out of order, or no rotation.
+        AsfmError: the file cannot be read or is empty, or a row is incomplete, not finite, not later than the one
+            before, or its quaternion is not of unit length.
     """
     rows = list(_split_lines(path, csv_lines=False))
     if not rows:
@@ -61,17 +72,30 @@ def read_tum(path: Path) -> Trajectory:
                 f"{path}, line {line}: expected {len(TUM_COLUMNS)} numbers {' '.join(TUM_COLUMNS)}, found {len(cells)}"
             )
     values = np.stack([parse_numbers(path, rows, column, name) for column, name in enumerate(TUM_COLUMNS)], axis=1)
-    check_rising(path, rows, values[:, 0])
-    norm = np.linalg.norm(values[:, 4:], axis=1)
-    for index in np.flatnonzero(np.abs(norm - 1.0) > QUATERNION_NORM_TOLERANCE)[:1]:
+    check_increasing(path, rows, values[:, 0])
+    norms = np.linalg.norm(values[:, 4:], axis=1)
+    for index in np.flatnonzero(np.abs(norms - 1.0) > QUATERNION_NORM_TOLERANCE)[:1]:
         raise AsfmError(
-            f"{path}, line {rows[index][0]}: expected a unit quaternion qx qy qz qw, found length {norm[index]:g}"
+            f"{path}, line {rows[index][0]}: expected a unit quaternion qx qy qz qw, found length {norms[index]:g}"
         )
     return Trajectory(values[:, 0].copy(), pose_from_tum(values[:, 1:]))
 
 
 def parse_numbers(path: Path, rows: list[Row], column: int, name: str) -> FloatArray:
-    """Parse one column as finite numbers. Returns (rows,)."""
+    """Parse one column as finite numbers.
+
+    Args:
+        path: the file, for messages.
+        rows: rows of :func:`read_csv`.
+        column: position of the column.
+        name: name of the column, for messages.
+
+    Returns:
+        (rows,) float64.
+
+    Raises:
+        AsfmError: a cell is not a finite number.
+    """
     values = np.array([_parse(float, path, row, column, name, "a number") for row in rows])
     for index in np.flatnonzero(~np.isfinite(values))[:1]:
         line, cells = rows[index]
@@ -79,18 +103,29 @@ def parse_numbers(path: Path, rows: list[Row], column: int, name: str) -> FloatA
     return values
 
 
-def parse_integers(path: Path, rows: list[Row], column: int, name: str) -> "np.ndarray[tuple[int], np.dtype[np.int64]]":
-    """Parse one column as whole numbers. Returns (rows,)."""
+def parse_integers(path: Path, rows: list[Row], column: int, name: str) -> IntArray:
+    """Parse one column as integers; arguments as for :func:`parse_numbers`.
+
+    Returns:
+        (rows,) int64.
+
+    Raises:
+        AsfmError: a cell is not an integer of 64 bits.
+    """
     return np.array([_parse(_parse_int64, path, row, column, name, "a whole number") for row in rows], dtype=np.int64)
 
 
-def check_rising(path: Path, rows: list[Row], timestamps_s: FloatArray) -> None:
-    """Raise AsfmError where a stamp is not later than the one before it."""
+def check_increasing(path: Path, rows: list[Row], timestamps_s: FloatArray) -> None:
+    """Check that the stamps (rows,) increase strictly.
+
+    Raises:
+        AsfmError: a stamp is not later than the one before.
+    """
     for index in np.flatnonzero(np.diff(timestamps_s) <= 0)[:1]:
-        before, found = float(timestamps_s[index]), float(timestamps_s[index + 1])
+        previous_s, found_s = float(timestamps_s[index]), float(timestamps_s[index + 1])
         raise AsfmError(
-            f"{path}, line {rows[index + 1][0]}: expected a timestamp_s after {before!r} (line {rows[index][0]}), "
-            f"found {found!r}: stamps must rise and never repeat"
+            f"{path}, line {rows[index + 1][0]}: expected a timestamp_s after {previous_s!r} (line {rows[index][0]}), "
+            f"found {found_s!r}: stamps must rise and never repeat"
         )
 
 

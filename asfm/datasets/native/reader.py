@@ -1,4 +1,4 @@
-"""Reader of the native sequence folder. Opening parses the text files; images are read when asked for."""
+"""Reader of the native sequence folder: text files are parsed on opening, images are read on demand."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,36 +8,34 @@ from pathlib import Path
 import numpy as np
 
 from asfm.datasets.images import read_grey_png, read_png_shape, scale_to_unit
+from asfm.datasets.native.sensor_files import check_coverage, read_hand_tracks, read_navigation, read_trajectory
 from asfm.datasets.native.sequence_yaml import SonarSettings, read_settings
 from asfm.datasets.native.truth import read_truth_file
-from asfm.datasets.tables import check_rising, parse_integers, parse_numbers, read_csv, read_tum
-from asfm.diagnostics import Diagnostic, frame_runs
+from asfm.datasets.tables import check_increasing, parse_numbers, read_csv
+from asfm.diagnostics import Diagnostic
 from asfm.errors import AsfmError
 from asfm.geometry.sonar import SonarModel
 from asfm.sequence import Sequence
-from asfm.types import FloatArray, Frame, FrameTruth, HandTracks, Navigation, Trajectory
-
-COVERAGE_TOLERANCE_S = 1e-3
-"""Stamps in text are rounded: less than this outside is not worth a word."""
+from asfm.types import FloatArray, Frame, FrameTruth
 
 
 @dataclass(frozen=True)
 class NativeFrames:
-    """Where the images of a native folder lie."""
+    """Location and format of the images of a native folder."""
 
     timestamps_s: FloatArray
     images: tuple[Path, ...]
     invalid_masks: tuple[Path | None, ...]
     shape: tuple[int, int]
-    """(ranges, beams) of the first image, which all others must have."""
+    """(ranges, beams) of the first image; all others must have the same."""
     descending: bool
-    """Column 0 on disk is the most port beam: flip each image once."""
+    """Whether column 0 on disk is the port-most beam, so that images are flipped on reading."""
     decibel_span: float | None = None
-    """Decibels from black to white where the images are logarithmic."""
+    """Decibels from black to white, where the images are logarithmic."""
 
 
 def is_native(path: Path) -> bool:
-    """Tell whether a folder holds a native sequence."""
+    """Return whether a path is a native sequence folder."""
     return (path / "sequence.yaml").is_file()
 
 
@@ -45,13 +43,13 @@ def read_native(folder: Path) -> Sequence:
     """Open a native sequence folder.
 
     Raises:
-        AsfmError: a file is missing or wrong; the message names the file, the row, what was expected and found.
+        AsfmError: a file is missing or invalid; the message names the file, the row, what was expected and found.
     """
     settings = read_settings(folder / "sequence.yaml")
     frames, sonar = _locate_frames(folder, settings.sonar)
     timestamps_s = frames.timestamps_s
-    odometry = _read_trajectory(folder / "odometry.tum")
-    navigation = _read_navigation(folder / "navigation.csv")
+    odometry = read_trajectory(folder / "odometry.tum")
+    navigation = read_navigation(folder / "navigation.csv")
     diagnostics: list[Diagnostic] = []
     if odometry is not None:
         diagnostics += check_coverage(folder / "odometry.tum", odometry.timestamps_s, timestamps_s)
@@ -65,21 +63,21 @@ def read_native(folder: Path) -> Sequence:
         vehicle_from_sonar=settings.vehicle_from_sonar.pose(),
         odometry=odometry,
         navigation=navigation,
-        groundtruth=_read_trajectory(folder / "groundtruth.tum"),
+        groundtruth=read_trajectory(folder / "groundtruth.tum"),
         noise=settings.noise.sensor_noise(),
-        hand_tracks=_read_hand_tracks(folder / "landmarks.csv"),
+        hand_tracks=read_hand_tracks(folder / "landmarks.csv"),
         kind="native",
         diagnostics=tuple(diagnostics),
     )
 
 
 def open_native_truth(folder: Path) -> Callable[[int], FrameTruth] | None:
-    """Give a function that reads the truth of frame i, or None where the folder holds no truth.
+    """Return a function that reads the truth of frame i, or None where the folder holds no truth.
 
-    A frame and its truth have the same file name but for the suffix.
+    The file name of a frame's truth is that of its image, with the suffix .npz.
 
     Raises:
-        AsfmError: as for :func:`read_native`, and for a file of truth when it is read.
+        AsfmError: as for :func:`read_native`; the function itself raises it for an invalid file of truth.
     """
     if not (folder / "truth").is_dir():
         return None
@@ -87,7 +85,7 @@ def open_native_truth(folder: Path) -> Callable[[int], FrameTruth] | None:
 
 
 def locate_native_frames(folder: Path) -> NativeFrames:
-    """Tell where the images of a native folder lie.
+    """Locate the images of a native folder.
 
     Raises:
         AsfmError: as for :func:`read_native`.
@@ -96,7 +94,12 @@ def locate_native_frames(folder: Path) -> NativeFrames:
 
 
 def read_native_frame(frames: NativeFrames, index: int) -> Frame:
-    """Read one image and its mask, and turn column 0 to starboard."""
+    """Read one image and its mask, flipped where needed so that column 0 is starboard.
+
+    Raises:
+        AsfmError: the image or its mask is missing, damaged or of another size.
+        IndexError: there is no such frame.
+    """
     if not 0 <= index < len(frames.images):
         raise IndexError(f"frame {index} of a sequence with frames 0..{len(frames.images) - 1}")
     image = scale_to_unit(read_grey_png(frames.images[index], frames.shape))
@@ -108,7 +111,19 @@ def read_native_frame(frames: NativeFrames, index: int) -> Frame:
 
 
 def make_sonar(settings: SonarSettings, shape: tuple[int, int], path: Path) -> tuple[SonarModel, bool]:
-    """Make the sonar model of images of (ranges, beams); also tell whether their columns run from port to starboard."""
+    """Make the sonar model of a native folder.
+
+    Args:
+        settings: of sequence.yaml.
+        shape: (ranges, beams) of the images.
+        path: sequence.yaml, for messages.
+
+    Returns:
+        The sonar model, and whether the columns on disk run from port to starboard.
+
+    Raises:
+        AsfmError: the images are too small, or bearings_deg has not one value per column.
+    """
     if min(shape) < 2:
         raise AsfmError(f"{path}: expected images of at least 2 x 2 pixels, found {shape[0]} x {shape[1]}")
     aperture_rad = float(np.radians(settings.elevation_aperture_deg))
@@ -123,23 +138,9 @@ def make_sonar(settings: SonarSettings, shape: tuple[int, int], path: Path) -> t
             f"{path}: expected {shape[1]} sonar.bearings_deg, one for each column of the first image, "
             f"found {len(bearings_rad)}"
         )
-    rows = SonarModel.evenly_spaced(settings.name, settings.range_m, (-1.0, 1.0), shape, aperture_rad)
-    return SonarModel(settings.name, rows.range_m, np.sort(bearings_rad), aperture_rad), bool(
-        bearings_rad[0] > bearings_rad[-1]
-    )
-
-
-def check_coverage(path: Path, timestamps_s: FloatArray, frames_s: FloatArray) -> list[Diagnostic]:
-    """Warn of frames outside the stamps of a sensor; raise AsfmError where there is no common time at all."""
-    start, end = float(timestamps_s[0]), float(timestamps_s[-1])
-    outside = (frames_s < start - COVERAGE_TOLERANCE_S) | (frames_s > end + COVERAGE_TOLERANCE_S)
-    if not outside.any():
-        return []
-    spans = f"{start:.3f} to {end:.3f} s, the frames run from {frames_s[0]:.3f} to {frames_s[-1]:.3f} s"
-    if outside.all() and (end < frames_s[0] or start > frames_s[-1]):
-        raise AsfmError(f"{path}: it covers {spans}: no common time; correct the stamps or remove the file")
-    message = f"{path.name} covers {spans}: {outside.sum()} of {len(frames_s)} frames lie outside"
-    return [Diagnostic("partial-sensor-coverage", message, frame_runs(outside))]
+    even = SonarModel.evenly_spaced(settings.name, settings.range_m, (-1.0, 1.0), shape, aperture_rad)
+    model = SonarModel(settings.name, even.range_m, np.sort(bearings_rad), aperture_rad)
+    return model, bool(bearings_rad[0] > bearings_rad[-1])
 
 
 def _locate_frames(folder: Path, settings: SonarSettings) -> tuple[NativeFrames, SonarModel]:
@@ -155,10 +156,11 @@ def _read_frame_truth(folder: Path, frames: NativeFrames, index: int) -> FrameTr
 
 
 def _read_frames_table(folder: Path) -> tuple[FloatArray, tuple[Path, ...], tuple[Path | None, ...]]:
+    """Read frames.csv: stamps (N,), images and masks, None where a frame has no mask."""
     path = folder / "frames.csv"
     columns, rows = read_csv(path, ("timestamp_s", "image"), ("invalid_mask",))
     timestamps_s = parse_numbers(path, rows, columns["timestamp_s"], "timestamp_s")
-    check_rising(path, rows, timestamps_s)
+    check_increasing(path, rows, timestamps_s)
     for line, cells in rows:
         if not cells[columns["image"]]:
             raise AsfmError(f"{path}, line {line}: expected the name of an image, found an empty cell")
@@ -168,28 +170,3 @@ def _read_frames_table(folder: Path) -> tuple[FloatArray, tuple[Path, ...], tupl
         return timestamps_s, images, (None,) * len(images)
     names = (cells[mask_column] for _, cells in rows)
     return timestamps_s, images, tuple(folder / name if name else None for name in names)
-
-
-def _read_trajectory(path: Path) -> Trajectory | None:
-    return read_tum(path) if path.exists() else None
-
-
-def _read_navigation(path: Path) -> Navigation | None:
-    if not path.exists():
-        return None
-    names = ("timestamp_s", "z_m", "roll_rad", "pitch_rad")
-    columns, rows = read_csv(path, names)
-    timestamps_s, z_m, roll_rad, pitch_rad = (parse_numbers(path, rows, columns[name], name) for name in names)
-    check_rising(path, rows, timestamps_s)
-    return Navigation(timestamps_s, z_m, roll_rad, pitch_rad)
-
-
-def _read_hand_tracks(path: Path) -> HandTracks | None:
-    if not path.exists():
-        return None
-    columns, rows = read_csv(path, ("timestamp_s", "landmark", "range_m", "bearing_rad"))
-    timestamps_s, range_m, bearing_rad = (
-        parse_numbers(path, rows, columns[name], name) for name in ("timestamp_s", "range_m", "bearing_rad")
-    )
-    landmark = parse_integers(path, rows, columns["landmark"], "landmark")
-    return HandTracks(timestamps_s, landmark, range_m, bearing_rad)

@@ -1,4 +1,4 @@
-"""sequence.yaml of the native folder: its keys, units, defaults and bounds."""
+"""Schema of sequence.yaml in the native folder: keys, units, defaults and bounds."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,13 +16,13 @@ Sigma = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Degrees = Annotated[float, Field(ge=-180, le=180)]
 
 
-class Part(BaseModel):
+class StrictModel(BaseModel):
     """A mapping of sequence.yaml; an unknown key is an error."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class SonarSettings(Part):
+class SonarSettings(StrictModel):
     """The sonar's pixel grid."""
 
     name: str = "unnamed sonar"
@@ -31,10 +31,10 @@ class SonarSettings(Part):
     bearing_deg: tuple[Degrees, Degrees] | None = None
     """Outer edge of the first column, of the last column."""
     bearings_deg: tuple[Degrees, ...] | None = None
-    """Centre of every column, where they are spaced unevenly."""
+    """Centre of every column, where the beams are unevenly spaced."""
     elevation_aperture_deg: float = Field(gt=0, le=180)
     decibel_span: float | None = Field(default=None, gt=0)
-    """Decibels from black to white where the images are logarithmic."""
+    """Decibels from black to white, where the images are logarithmic."""
 
     @model_validator(mode="after")
     def _check_edges(self) -> "SonarSettings":
@@ -48,12 +48,12 @@ class SonarSettings(Part):
         if self.bearings_deg is not None:
             steps = np.diff(self.bearings_deg)
             if len(steps) == 0 or not (np.all(steps > 0) or np.all(steps < 0)):
-                raise ValueError("expected two or more bearings_deg that all rise or all fall")
+                raise ValueError("expected two or more bearings_deg that all increase or all decrease")
         return self
 
 
-class MountSettings(Part):
-    """Where the sonar sits on the vehicle."""
+class MountSettings(StrictModel):
+    """Mounting of the sonar: vehicle_from_sonar."""
 
     translation_m: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
     quaternion_xyzw: tuple[Number, Number, Number, Number] = (0.0, 0.0, 0.0, 1.0)
@@ -65,39 +65,39 @@ class MountSettings(Part):
         return self
 
     def pose(self) -> FloatArray:
-        """Give vehicle_from_sonar, (4, 4)."""
+        """Return vehicle_from_sonar, (4, 4), in metres."""
         return pose_from_tum(np.array([*self.translation_m, *self.quaternion_xyzw]))
 
     @classmethod
     def from_pose(cls, vehicle_from_sonar: FloatArray) -> "MountSettings":
-        """Turn vehicle_from_sonar, (4, 4), into text form."""
+        """Return the settings of vehicle_from_sonar, (4, 4), in metres."""
         row = [float(value) for value in tum_from_pose(vehicle_from_sonar)]
         return cls(translation_m=(row[0], row[1], row[2]), quaternion_xyzw=(row[3], row[4], row[5], row[6]))
 
 
-class OdometryNoise(Part):
-    """One step's standard deviations."""
+class OdometryNoise(StrictModel):
+    """Standard deviations of one step of the odometry."""
 
     translation_m: Sigma = SensorNoise.odometry_translation_m
     rotation_deg: Sigma = float(np.degrees(SensorNoise.odometry_rotation_rad))
 
 
-class NavigationNoise(Part):
-    """One reading's standard deviations."""
+class NavigationNoise(StrictModel):
+    """Standard deviations of one reading of depth and attitude."""
 
     z_m: Sigma = SensorNoise.navigation_z_m
     roll_deg: Sigma = float(np.degrees(SensorNoise.navigation_roll_rad))
     pitch_deg: Sigma = float(np.degrees(SensorNoise.navigation_pitch_rad))
 
 
-class NoiseSettings(Part):
-    """What the sequence states of its own sensors."""
+class NoiseSettings(StrictModel):
+    """Noise of the sequence's own sensors."""
 
     odometry: OdometryNoise = OdometryNoise()
     navigation: NavigationNoise = NavigationNoise()
 
     def sensor_noise(self) -> SensorNoise:
-        """Turn degrees into radians."""
+        """Return the noise in radians."""
         return SensorNoise(
             odometry_translation_m=self.odometry.translation_m,
             odometry_rotation_rad=float(np.radians(self.odometry.rotation_deg)),
@@ -108,7 +108,7 @@ class NoiseSettings(Part):
 
     @classmethod
     def from_sensor_noise(cls, noise: SensorNoise) -> "NoiseSettings":
-        """Turn radians into degrees."""
+        """Return the settings, in degrees, of noise in radians."""
         odometry = OdometryNoise(
             translation_m=noise.odometry_translation_m, rotation_deg=float(np.degrees(noise.odometry_rotation_rad))
         )
@@ -120,8 +120,8 @@ class NoiseSettings(Part):
         return cls(odometry=odometry, navigation=navigation)
 
 
-class SequenceSettings(Part):
-    """All of sequence.yaml."""
+class SequenceSettings(StrictModel):
+    """The whole of sequence.yaml."""
 
     sonar: SonarSettings
     vehicle_from_sonar: MountSettings = MountSettings()
@@ -129,10 +129,10 @@ class SequenceSettings(Part):
 
 
 def read_settings(path: Path) -> SequenceSettings:
-    """Read sequence.yaml.
+    """Read and validate sequence.yaml.
 
     Raises:
-        AsfmError: the file cannot be read, or names a key or value that does not belong there.
+        AsfmError: the file cannot be read, or a key is missing or unknown, or a value out of bounds.
     """
     try:
         settings: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
@@ -145,7 +145,7 @@ def read_settings(path: Path) -> SequenceSettings:
 
 
 def explain(error: ValidationError, where: str) -> str:
-    """Say in one line which key is at fault and why."""
+    """Return one line that names the first invalid key and the reason; ``where`` names the file."""
     first = error.errors()[0]
     name = ".".join(str(part) for part in first["loc"]) or "the file"
     if first["type"] == "extra_forbidden":

@@ -1,4 +1,4 @@
-"""truth/NNNNNN.npz of the native folder: what a simulation knows of each frame."""
+"""True elevations and noise-free images of simulated frames: truth/NNNNNN.npz in the native folder."""
 
 import zipfile
 from pathlib import Path
@@ -13,22 +13,25 @@ from asfm.types import FrameTruth, ImageArray
 
 
 def read_truth_file(path: Path, shape: tuple[int, int], descending: bool) -> FrameTruth:
-    """Read one file of truth and turn column 0 to starboard.
+    """Read the truth of one frame, flipped where needed so that column 0 is starboard.
 
     Args:
-        path: an .npz with elevation_rad (ranges, beams) and clean, unsigned integers or 0..1, of the same shape.
+        path: an .npz with elevation_rad (ranges, beams), and clean of the same shape, unsigned integers or 0..1.
         shape: (ranges, beams) of the images.
-        descending: column 0 on disk is the most port beam.
+        descending: whether column 0 on disk is the port-most beam.
+
+    Returns:
+        Elevation (ranges, beams) in radians, NaN where there is no echo, and the noise-free image in 0..1.
 
     Raises:
-        AsfmError: the file is missing or damaged, or an array is missing or of another shape.
+        AsfmError: the file is missing or damaged, or an array is missing, not numeric or of another shape.
     """
     try:
         with np.load(path, allow_pickle=False) as arrays:
-            elevation_rad = _pick(path, arrays, "elevation_rad", shape).astype(np.float64)
-            clean = _unit_image(_pick(path, arrays, "clean", shape))
+            elevation_rad = _read_array(path, arrays, "elevation_rad", shape).astype(np.float64)
+            clean = _unit_image(_read_array(path, arrays, "clean", shape))
     except FileNotFoundError:
-        raise AsfmError(f"{path}: expected the truth of a frame, found no file") from None
+        raise AsfmError(f"{path}: expected the truth of a frame, found none") from None
     except (OSError, ValueError, zipfile.BadZipFile) as error:
         raise AsfmError(f"{path}: expected an .npz with elevation_rad and clean, found: {error}") from None
     if descending:
@@ -37,7 +40,7 @@ def read_truth_file(path: Path, shape: tuple[int, int], descending: bool) -> Fra
 
 
 def write_truth_file(path: Path, truth: FrameTruth, bits: Bits) -> None:
-    """Write one file of truth; elevation as float32, the clean image with the frames' own number of bits."""
+    """Write the truth of one frame: elevation as float32, the clean image as unsigned integers of 8 or 16 bits."""
     np.savez_compressed(
         path,
         elevation_rad=np.asarray(truth.elevation_rad, dtype=np.float32),
@@ -45,7 +48,7 @@ def write_truth_file(path: Path, truth: FrameTruth, bits: Bits) -> None:
     )
 
 
-def _pick(path: Path, arrays: Any, name: str, shape: tuple[int, int]) -> NDArray[Any]:
+def _read_array(path: Path, arrays: Any, name: str, shape: tuple[int, int]) -> NDArray[Any]:
     if name not in arrays:
         raise AsfmError(f"{path}: expected an array {name}, found {', '.join(arrays) or 'none'}")
     array = np.asarray(arrays[name])

@@ -1,4 +1,4 @@
-"""Writer of the native sequence folder, one frame at a time, so that a long sequence is never in memory."""
+"""Writer of the native sequence folder, which streams the frames one at a time."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -18,8 +18,8 @@ from asfm.geometry.sonar import SonarModel
 from asfm.sequence import Sequence
 from asfm.types import Frame, FrameTruth, Trajectory
 
-EVEN_TOLERANCE = 1e-9
-"""Of a row or beam: spacing that is even up to rounding is written as two outer edges."""
+EVEN_SPACING_TOLERANCE = 1e-9
+"""In m and rad: rows or beams that deviate by less from an even spacing are written as two outer edges."""
 
 NATIVE = FolderKind(
     name="a sequence",
@@ -39,21 +39,21 @@ def write_native(
     progress: Callable[[int, int], None] | None = None,
     bits: Bits = 8,
 ) -> None:
-    """Write a sequence as a native folder that appears only when it is whole.
+    """Write a sequence as a native folder, which appears only when it is complete.
 
     Args:
-        folder: where the sequence goes.
-        sequence: its frames are read one by one, each once and in order.
-        truth: gives what is known of frame i, asked for right after frame i was read.
-        overwrite: replace a native folder that is there.
-        progress: called with (frames written, frames in all) after each frame.
-        bits: 8 or 16 bits a pixel.
+        folder: the folder to write.
+        sequence: its frames are read one at a time, each once and in order.
+        truth: returns the truth of frame i; called right after frame i was read.
+        overwrite: replace an existing native folder.
+        progress: called with (frames written, total) after each frame.
+        bits: 8 or 16 bits per pixel.
 
     Raises:
-        AsfmError: the place is taken, the disk refuses, a frame is not what its sequence says, or the ranges are
-            spaced unevenly, which sequence.yaml cannot say.
+        AsfmError: the folder exists or cannot be written, a frame has another shape than its sonar or values outside
+            0..1, or the sequence cannot be described by sequence.yaml, such as one with unevenly spaced ranges.
     """
-    _dump_settings(folder, sequence, None)  # refuses what cannot be said before anything is written
+    _dump_settings(folder, sequence, None)  # raises before anything is written
     decibel_span = None
     with atomic_folder(folder, NATIVE, overwrite) as partial:
         rows = []
@@ -72,6 +72,7 @@ def write_native(
 
 
 def _write_frame(folder: Path, sequence: Sequence, index: int, frame: Frame, bits: Bits) -> tuple[float, str, str]:
+    """Write one image, and its mask if it has invalid pixels, and return its row of frames.csv."""
     for name, array in (("image", frame.image), ("invalid mask", frame.invalid)):
         if array.shape != sequence.sonar.shape:
             raise AsfmError(
@@ -121,7 +122,7 @@ def _tum_lines(trajectory: Trajectory) -> list[str]:
 
 
 def _join(rows: Iterable[Iterable[Any]], separator: str = ",") -> list[str]:
-    """Text that reads back as the very same numbers."""
+    """Join the cells of each row; the text of a number reads back as the same number."""
     return [separator.join(repr(value.item()) for value in row) for row in rows]
 
 
@@ -138,26 +139,26 @@ def _dump_settings(folder: Path, sequence: Sequence, decibel_span: float | None)
 
 
 def _sonar_settings(folder: Path, sonar: SonarModel, decibel_span: float | None) -> SonarSettings:
-    """Describe the grid by its outer edges, or by every bearing where the beams are spaced unevenly."""
+    """Describe the pixel grid by its outer edges, or by every bearing where the beams are unevenly spaced."""
     range_edges_m, bearing_edges_rad = sonar.range_edges_m, sonar.bearing_edges_rad
-    range_m = (_tidy(range_edges_m[0]), _tidy(range_edges_m[-1]))
+    range_m = (_round_off(range_edges_m[0]), _round_off(range_edges_m[-1]))
     outer_rad = (float(bearing_edges_rad[0]), float(bearing_edges_rad[-1]))
     even = SonarModel.evenly_spaced(sonar.name, range_m, outer_rad, sonar.shape, sonar.elevation_aperture_rad)
-    if np.abs(even.range_m - sonar.range_m).max() > EVEN_TOLERANCE + 1e-6 * sonar.range_step_m:
+    if np.abs(even.range_m - sonar.range_m).max() > EVEN_SPACING_TOLERANCE + 1e-6 * sonar.range_step_m:
         raise AsfmError(f"{folder}: expected evenly spaced ranges, found uneven ones: resample the images first")
-    is_even = np.abs(even.bearing_rad - sonar.bearing_rad).max() <= EVEN_TOLERANCE
+    is_even = np.abs(even.bearing_rad - sonar.bearing_rad).max() <= EVEN_SPACING_TOLERANCE
     return SonarSettings(
         name=sonar.name,
         range_m=range_m,
-        bearing_deg=(_tidy(np.degrees(outer_rad[0])), _tidy(np.degrees(outer_rad[1]))) if is_even else None,
+        bearing_deg=(_round_off(np.degrees(outer_rad[0])), _round_off(np.degrees(outer_rad[1]))) if is_even else None,
         bearings_deg=None if is_even else tuple(np.degrees(sonar.bearing_rad).tolist()),
-        elevation_aperture_deg=_tidy(np.degrees(sonar.elevation_aperture_rad)),
+        elevation_aperture_deg=_round_off(np.degrees(sonar.elevation_aperture_rad)),
         decibel_span=decibel_span,
     )
 
 
-def _tidy(value: float) -> float:
-    """Drop the last bits that turning degrees to radians and back leaves, far below a beam or a row."""
+def _round_off(value: float) -> float:
+    """Remove the rounding error of converting degrees to radians and back, far below a beam or a row."""
     return round(float(value), 10)
 
 

@@ -131,7 +131,7 @@ def test_a_fault_in_the_text_is_named_at_opening(tmp_path: Path, spoil: Callable
     ("bearings", "message"),
     [
         ("bearing_deg: [5, 5]", r"two different bearing_deg"),
-        ("bearings_deg: [0, 1, 3, 2, 4, 5, 6, 7]", r"all rise or all fall"),
+        ("bearings_deg: [0, 1, 3, 2, 4, 5, 6, 7]", r"all increase or all decrease"),
         ("bearings_deg: [0, 1, 2]", r"expected 8 sonar\.bearings_deg.*found 3"),
         ("bearings_deg: [0, 1, 2, 3, 4, 5, 6, .inf]", r"bearings_deg\.7"),
         ("name: x", r"expected either bearing_deg"),
@@ -175,7 +175,7 @@ def stuff_jpeg(path: Path) -> None:
         (grow, r"expected 12 x 8 pixels .*found 13 x 8"),
         (cut, r"found one cut off after \d+ bytes"),
         (corrupt, r"found a wrong checksum"),
-        (stuff_jpeg, r"found 33 bytes that start no PNG"),
+        (stuff_jpeg, r"found 33 bytes that are no PNG header"),
         (Path.unlink, r"found none"),
     ],
 )

@@ -1,0 +1,76 @@
+"""Sensor files of the native folder: odometry.tum, groundtruth.tum, navigation.csv and landmarks.csv."""
+
+from pathlib import Path
+
+from asfm.datasets.tables import check_increasing, parse_integers, parse_numbers, read_csv, read_tum
+from asfm.diagnostics import Diagnostic, frame_runs
+from asfm.errors import AsfmError
+from asfm.types import FloatArray, HandTracks, Navigation, Trajectory
+
+COVERAGE_TOLERANCE_S = 1e-3
+"""Stamps in text are rounded: frames less than this outside a sensor's time span count as covered."""
+
+
+def check_coverage(path: Path, timestamps_s: FloatArray, frames_s: FloatArray) -> list[Diagnostic]:
+    """Check that the stamps of a sensor cover the frames.
+
+    Args:
+        path: file of the sensor, for messages.
+        timestamps_s: (N,) stamps of the sensor.
+        frames_s: (F,) stamps of the frames.
+
+    Returns:
+        A diagnostic that lists the frames outside, if any.
+
+    Raises:
+        AsfmError: the time spans do not overlap.
+    """
+    start, end = float(timestamps_s[0]), float(timestamps_s[-1])
+    outside = (frames_s < start - COVERAGE_TOLERANCE_S) | (frames_s > end + COVERAGE_TOLERANCE_S)
+    if not outside.any():
+        return []
+    spans = f"{start:.3f} to {end:.3f} s, the frames run from {frames_s[0]:.3f} to {frames_s[-1]:.3f} s"
+    if outside.all() and (end < frames_s[0] or start > frames_s[-1]):
+        raise AsfmError(f"{path}: it covers {spans}: no common time span; correct the stamps or remove the file")
+    message = f"{path.name} covers {spans}: {outside.sum()} of {len(frames_s)} frames lie outside"
+    return [Diagnostic("partial-sensor-coverage", message, frame_runs(outside))]
+
+
+def read_trajectory(path: Path) -> Trajectory | None:
+    """Read a trajectory in the TUM format, or return None where there is no file.
+
+    Raises:
+        AsfmError: as for :func:`asfm.datasets.tables.read_tum`.
+    """
+    return read_tum(path) if path.exists() else None
+
+
+def read_navigation(path: Path) -> Navigation | None:
+    """Read depth and attitude from navigation.csv, or return None where there is no file.
+
+    Raises:
+        AsfmError: the table is invalid, or its stamps do not increase.
+    """
+    if not path.exists():
+        return None
+    names = ("timestamp_s", "z_m", "roll_rad", "pitch_rad")
+    columns, rows = read_csv(path, names)
+    timestamps_s, z_m, roll_rad, pitch_rad = (parse_numbers(path, rows, columns[name], name) for name in names)
+    check_increasing(path, rows, timestamps_s)
+    return Navigation(timestamps_s, z_m, roll_rad, pitch_rad)
+
+
+def read_hand_tracks(path: Path) -> HandTracks | None:
+    """Read hand-tracked points from landmarks.csv, or return None where there is no file.
+
+    Raises:
+        AsfmError: the table is invalid.
+    """
+    if not path.exists():
+        return None
+    columns, rows = read_csv(path, ("timestamp_s", "landmark", "range_m", "bearing_rad"))
+    timestamps_s, range_m, bearing_rad = (
+        parse_numbers(path, rows, columns[name], name) for name in ("timestamp_s", "range_m", "bearing_rad")
+    )
+    landmark = parse_integers(path, rows, columns["landmark"], "landmark")
+    return HandTracks(timestamps_s, landmark, range_m, bearing_rad)
