@@ -1,59 +1,17 @@
 """ARIS recordings: files written here byte by byte after the maker's layout, and the maker's own sample."""
 
-import struct
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from asfm.datasets import open_sequence
-from asfm.datasets.aris.lenses import beam_centres_rad
 from asfm.datasets.aris.reader import read_aris
 from asfm.datasets.native.reader import read_native
 from asfm.datasets.native.writer import write_native
 from asfm.errors import AsfmError
 from asfm.types import FloatArray
-
-SAMPLES = 20
-PERIOD_US, DELAY_US, SPEED_M_S = 14, 4593, 1440.0
-
-
-def pack_header(
-    time_us: int,
-    ping_mode: int = 9,
-    samples: int = SAMPLES,
-    delay_us: int = DELAY_US,
-    speed_m_s: float = SPEED_M_S,
-    large_lens: int = 0,
-    reordered: int = 1,
-    version: bytes = b"DDF\x05",
-    period_us: int = PERIOD_US,
-) -> bytes:
-    header = bytearray(1024)
-    for form, offset, value in [
-        ("<Q", 4, time_us),
-        ("<4s", 12, version),
-        ("<f", 52, 99.0),  # WindowStart: to be ignored
-        ("<f", 56, 99.0),
-        ("<I", 436, ping_mode),
-        ("<I", 452, period_us),
-        ("<f", 464, speed_m_s),
-        ("<I", 468, samples),
-        ("<I", 476, delay_us),
-        ("<I", 480, large_lens),
-        ("<I", 484, 1),
-        ("<I", 516, reordered),
-    ]:
-        struct.pack_into(form, header, offset, value)
-    return bytes(header)
-
-
-def write_file(path: Path, frames: list[bytes]) -> Path:
-    file_header = bytearray(1024)
-    file_header[:4] = b"DDF\x05"
-    struct.pack_into("<I", file_header, 4, 77)  # FrameCount: to be ignored
-    path.write_bytes(bytes(file_header) + b"".join(frames))
-    return path
+from tests.datasets.aris_files import DELAY_US, PERIOD_US, SAMPLES, SPEED_M_S, pack_header, write_file
 
 
 def make_frames(count: int = 3, beams: int = 128, seed: int = 0) -> tuple[list[bytes], list[np.ndarray]]:
@@ -85,25 +43,6 @@ def test_beam_0_is_the_right_most(tmp_path: Path) -> None:
     row, column = np.argwhere(sequence.read_frame(0).image == 1.0)[0]
     assert row == 5
     assert np.degrees(sequence.sonar.bearing_rad[column]) == pytest.approx(-15.0 + 3 * 0.23, abs=0.1)
-
-
-@pytest.mark.parametrize(
-    ("beams", "telephoto", "known_deg"),
-    [
-        # Single centres that the maker states for its average lens of 2018, by beam.
-        (48, False, {0: -13.5735, 12: -7.5026, 23: -0.3461, 24: 0.3461, 40: 10.2824, 47: 13.5735}),
-        (96, False, {0: -13.749, 28: -6.4652, 48: 0.1706, 72: 8.0193, 95: 13.8759}),
-        (64, False, {0: -14.8872, 16: -7.3742, 31: -0.2389, 63: 14.8872}),
-        (128, False, {0: -15.0068}),
-        (48, True, {0: -7.339, 12: -3.659, 47: 7.339}),
-        (96, True, {0: -7.419, 24: -3.739, 95: 7.419}),
-    ],
-)
-def test_beams_point_where_the_maker_says(beams: int, telephoto: bool, known_deg: dict[int, float]) -> None:
-    centres_deg = np.degrees(beam_centres_rad(beams, telephoto))
-    assert len(centres_deg) == beams and np.all(np.diff(centres_deg) > 0)
-    for beam, expected_deg in known_deg.items():
-        assert centres_deg[beam] == pytest.approx(expected_deg, abs=0.02)
 
 
 @pytest.mark.parametrize(("mode", "beams"), [(1, 48), (2, 48), (3, 96), (5, 96), (6, 64), (8, 64), (9, 128), (12, 128)])

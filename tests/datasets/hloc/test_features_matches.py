@@ -227,11 +227,3 @@ def test_the_command_line_takes_both_files_or_neither(
     assert not (tmp_path / "out").exists()
     assert run_command_line([*command, "--features", str(paths[0]), "--matches", str(paths[1])]) == 0
     assert (tmp_path / "out" / "trajectory.tum").is_file()
-
-
-def test_images_are_named(folder: Path) -> None:
-    names = name_images(folder, open_sequence(folder))
-    assert names.names[0] == "frames/000000.png" and len(names.names) == FRAMES
-    assert names.find_frames()["000003"] == names.find_frames()["frames/000003.png"] == 3
-    elsewhere = name_images(folder / "frames", make_sequence())
-    assert elsewhere.names == ("000000", "000001", "000002")
