@@ -31,7 +31,7 @@ def pack_ping(
     image_shift: int = 0,
     gamma: int = 255,
 ) -> bytes:
-    """Pack one simple ping result, field after field and without gaps, as the sonar sends it."""
+    """Pack one simple ping result, without gaps, as the sonar sends it."""
     image = np.zeros((RANGES, BEAMS)) if image is None else image
     rows = image.astype(np.dtype(TYPES.get(data_size, np.uint8)).newbyteorder("<"))
     lines = [row.tobytes() for row in rows]

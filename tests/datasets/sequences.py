@@ -16,7 +16,7 @@ UNEVEN = SonarModel("uneven", EVEN.range_m, np.array([-0.5, -0.3, -0.2, -0.05, 0
 
 
 def make_sequence(sonar: SonarModel = EVEN, count: int = 3, bits: int = 8, seed: int = 0) -> Sequence:
-    """A sequence of noise with every sensor, whose pixels lie on the grid of the given bits."""
+    """Make a sequence of random images with every sensor; pixels are multiples of 1 / (2 ** bits - 1)."""
     rng = np.random.default_rng(seed)
     largest = 2**bits - 1
     images = (rng.integers(0, largest + 1, (count, *sonar.shape)) / np.float32(largest)).astype(np.float32)
@@ -39,7 +39,7 @@ def make_sequence(sonar: SonarModel = EVEN, count: int = 3, bits: int = 8, seed:
 
 
 def assert_same(found: Sequence, expected: Sequence) -> None:
-    """Every field of two sequences agrees; text keeps numbers exactly, poses and bearings to rounding."""
+    """Check that all fields of two sequences agree: numbers in text exactly, poses and bearings up to rounding."""
     assert found.sonar.name == expected.sonar.name
     np.testing.assert_allclose(found.sonar.range_m, expected.sonar.range_m, atol=1e-9)
     np.testing.assert_allclose(found.sonar.bearing_rad, expected.sonar.bearing_rad, atol=1e-11)

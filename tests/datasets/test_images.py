@@ -61,9 +61,7 @@ def test_colours_are_refused_by_name(tmp_path: Path, channels: int, name: str) -
     path = tmp_path / "a.png"
     cv2.imwrite(str(path), np.zeros((*SHAPE, channels), np.uint8))
     for read in (read_png_shape, lambda file: read_grey_png(file, SHAPE)):
-        with pytest.raises(
-            AsfmError, match=rf"a\.png: expected a grey PNG image \(one channel\), found {name}: convert"
-        ):
+        with pytest.raises(AsfmError, match=rf"a\.png: expected a grey PNG .*, found {name}: convert"):
             read(path)
 
 

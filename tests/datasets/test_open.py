@@ -1,4 +1,4 @@
-"""Recognising formats, and the summary of what was opened."""
+"""Recognition of formats, and conversion of each to the native folder."""
 
 import dataclasses
 import subprocess
@@ -13,13 +13,13 @@ from asfm.datasets.native.writer import write_native
 from asfm.errors import AsfmError
 
 
-def test_a_path_without_anything_is_one_line(tmp_path: Path) -> None:
+def test_a_missing_path_is_reported(tmp_path: Path) -> None:
     with pytest.raises(AsfmError, match=r"nowhere: expected a sequence, found nothing there"):
         open_sequence(tmp_path / "nowhere")
 
 
 @pytest.mark.parametrize("name", ["empty folder", "text", "didson", "config alone"])
-def test_an_unknown_thing_is_one_line_that_lists_what_is_read(tmp_path: Path, name: str) -> None:
+def test_an_unknown_format_is_reported_with_the_supported_formats(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     if name == "text":
         path.write_text("no sonar")
@@ -35,7 +35,7 @@ def test_an_unknown_thing_is_one_line_that_lists_what_is_read(tmp_path: Path, na
     assert open_truth(path) is None
 
 
-def test_importing_the_readers_is_light() -> None:
+def test_importing_the_readers_loads_no_heavy_library() -> None:
     loaded = "import sys, asfm.datasets; assert not {'cv2', 'gtsam', 'rerun', 'trimesh'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", loaded], check=True)
 

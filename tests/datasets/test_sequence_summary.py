@@ -1,4 +1,4 @@
-"""Summary of a sequence."""
+"""Summary of a sequence as rows of text."""
 
 from pathlib import Path
 
@@ -40,7 +40,7 @@ def make_sequence(count: int = 11) -> Sequence:
     )
 
 
-def test_the_summary_states_numbers_with_units() -> None:
+def test_the_summary_has_numbers_with_units() -> None:
     rows = summarise_sequence(make_sequence())
     table = dict(rows)
     assert table["frames"] == "11" and table["format"] == "native"
@@ -68,7 +68,7 @@ def test_one_frame_can_be_summarised() -> None:
     assert table["odometry"] == "1 pose, path of 0.00 m"
 
 
-def test_a_path_is_the_sum_of_its_steps() -> None:
+def test_the_path_length_is_the_sum_of_the_steps() -> None:
     there_and_back = make_pose(np.array([[0.0, 0, 0], [0, 0, 2], [0, 0, 0]]), Rotation.identity(3))
     assert path_length_m(Trajectory(np.arange(3.0), there_and_back)) == pytest.approx(4)
 

@@ -1,4 +1,4 @@
-"""ARIS recordings: files written here byte by byte after the maker's layout, and the maker's own sample."""
+"""Reader of ARIS recordings, against files packed field by field and the manufacturer's sample."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ def make_frames(count: int = 3, beams: int = 128, seed: int = 0) -> tuple[list[b
     ], images
 
 
-def test_a_file_reads_as_its_bytes_say(tmp_path: Path) -> None:
+def test_images_ranges_and_stamps_are_those_of_the_file(tmp_path: Path) -> None:
     frames, images = make_frames()
     sequence = open_sequence(write_file(tmp_path / "a.bin", frames))
     assert (sequence.kind, len(sequence), sequence.sonar.shape) == ("aris", 3, (SAMPLES, 128))
@@ -35,8 +35,8 @@ def test_a_file_reads_as_its_bytes_say(tmp_path: Path) -> None:
         assert frame.image.dtype == np.float32 and not frame.invalid.any()
 
 
-def test_beam_0_is_the_right_most(tmp_path: Path) -> None:
-    """The maker numbers beams from right to left, and starboard is negative."""
+def test_beam_0_is_the_starboard_most(tmp_path: Path) -> None:
+    """The manufacturer numbers beams from right to left, and bearings to starboard are negative."""
     image = np.zeros((SAMPLES, 128), np.uint8)
     image[5, 3] = 255
     sequence = read_aris(write_file(tmp_path / "a.aris", [pack_header(1) + image.tobytes()]))
@@ -58,7 +58,7 @@ def test_stamps_that_do_not_increase_are_refused(tmp_path: Path, time_us: int) -
     assert "\n" not in str(error.value)
 
 
-def test_a_file_that_shrinks_after_opening_is_named(tmp_path: Path) -> None:
+def test_a_file_cut_off_after_opening_is_reported(tmp_path: Path) -> None:
     path = write_file(tmp_path / "a.aris", GOOD)
     sequence = read_aris(path)
     path.write_bytes(path.read_bytes()[:-100])
@@ -69,14 +69,14 @@ def test_a_file_that_shrinks_after_opening_is_named(tmp_path: Path) -> None:
         sequence.read_frame(2)
 
 
-def test_a_changing_sound_speed_is_a_warning_with_numbers(tmp_path: Path) -> None:
+def test_a_varying_sound_speed_gives_a_diagnostic(tmp_path: Path) -> None:
     frames = [pack_header(1, speed_m_s=1440.0) + BODY, pack_header(2, speed_m_s=1441.0) + BODY]
     (diagnostic,) = read_aris(write_file(tmp_path / "a.aris", frames)).diagnostics
     assert diagnostic.code == "variable-sound-speed" and diagnostic.severity == "warning"
     assert "1440.00 to 1441.00 m/s" in diagnostic.message
 
 
-def test_the_makers_sample(shared_data: Path) -> None:
+def test_the_sample_of_the_manufacturer_is_read(shared_data: Path) -> None:
     path = shared_data / "aris" / "sample.aris"
     sequence = open_sequence(path)
     assert (len(sequence), sequence.sonar.shape) == (6, (2000, 48))
@@ -88,10 +88,10 @@ def test_the_makers_sample(shared_data: Path) -> None:
     images: FloatArray = np.stack([frame.image for frame in sequence]).astype(np.float64)
     neighbours = np.corrcoef(images[2].ravel(), images[3].ravel())[0, 1]
     mirrored = np.corrcoef(images[2].ravel(), images[3][:, ::-1].ravel())[0, 1]
-    assert neighbours > mirrored, "the sonar hardly moved: rows and columns are what they should be"
+    assert neighbours > mirrored, "the sonar hardly moved, so consecutive images agree"
 
 
-def test_the_decibels_survive_conversion(tmp_path: Path, shared_data: Path) -> None:
+def test_the_decibel_span_survives_conversion(tmp_path: Path, shared_data: Path) -> None:
     recording = read_aris(shared_data / "aris" / "sample.aris")
     assert recording.read_frame(0).decibel_span == 80.0
     write_native(tmp_path / "native", recording)

@@ -1,4 +1,4 @@
-"""hloc's files: asfm's own keypoints and matches make the round trip, and faults are one line each."""
+"""Reader and writer of hloc's files: conventions, round trip of asfm's own matches, and one-line errors."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -66,7 +66,7 @@ def read(files: tuple[Path, Path], names: ImageNames = NAMES) -> ExternalMatches
 
 
 @pytest.mark.parametrize("descending", [False, True])
-def test_what_is_written_is_read_back(tmp_path: Path, descending: bool) -> None:
+def test_written_keypoints_and_matches_are_read_back(tmp_path: Path, descending: bool) -> None:
     names, paths = replace(NAMES, descending=descending), (tmp_path / "f.h5", tmp_path / "m.h5")
     write_hloc(*paths, names, KEYPOINTS, MATCHES)
     found = read(paths, names)
@@ -83,7 +83,7 @@ def test_what_is_written_is_read_back(tmp_path: Path, descending: bool) -> None:
 
 
 def write_by_hand(folder: Path, names: tuple[str, str]) -> tuple[Path, Path]:
-    """Two images as hloc itself writes them: (x, y) with whole numbers at pixel centres, matches from late to early."""
+    """Write two images as hloc itself does: (x, y) with whole numbers at pixel centres, matches from late to early."""
     paths = folder / "f.h5", folder / "m.h5"
     with h5py.File(paths[0], "w") as file:
         for name in names:
@@ -98,7 +98,7 @@ def write_by_hand(folder: Path, names: tuple[str, str]) -> tuple[Path, Path]:
 
 @pytest.mark.parametrize("names", [("images/a.png", "images/b.png"), ("a.png", "b.png"), ("images/a", "b")])
 def test_pixel_centres_directions_and_names(tmp_path: Path, names: tuple[str, str]) -> None:
-    """Column 3, row 10 is a pixel's centre, so 3.5 and 10.5 here; late to early turns to early to late."""
+    """(3, 10) is the centre of a pixel, so (3.5, 10.5) in asfm; a match from late to early is reversed."""
     known = ImageNames(("images/a.png", "images/b.png"), SHAPE)
     found = read_hloc(*write_by_hand(tmp_path, names), make_sequence(2), known)
     np.testing.assert_allclose(found.keypoints[1].row_column, [[0.5, 0.5], [10.5, 3.5]])
@@ -110,13 +110,13 @@ def test_pixel_centres_directions_and_names(tmp_path: Path, names: tuple[str, st
     assert match.cost == pytest.approx([0.25])
 
 
-def test_columns_from_port_to_starboard_are_turned(tmp_path: Path) -> None:
+def test_columns_from_port_to_starboard_are_flipped(tmp_path: Path) -> None:
     known = ImageNames(("a", "b"), SHAPE, descending=True)
     found = read_hloc(*write_by_hand(tmp_path, ("a", "b")), make_sequence(2), known)
     np.testing.assert_allclose(found.keypoints[0].bearing_rad, SONAR.bearing_rad[[-1, -4]])
 
 
-def test_of_two_directions_the_one_from_the_earlier_frame_counts(files: tuple[Path, Path]) -> None:
+def test_a_pair_stored_twice_is_read_from_the_earlier_frame(files: tuple[Path, Path]) -> None:
     with h5py.File(files[1], "a") as file:
         file["images-c.png/images-a.png/matches0"] = np.full(7, -1)
     assert len(read(files).matches[0]) == 3
@@ -134,7 +134,7 @@ A, PAIR = "images/a.png", "images-a.png/images-c.png"
 FAULTS: dict[str, tuple[Damage, str]] = {
     "no image": (lambda f, m: [f.pop(name) for name in list(f)], "features.h5.*'keypoints', found none"),
     "a missing image": (lambda f, m: f.pop("images/b.png"), r"features.h5.*all 3 images.*none for 'images/b.png'"),
-    "a stranger": (
+    "an unknown image": (
         lambda f, m: f.copy(A, "images/x.png"),
         "features.h5: expected images of the sequence.*'images/x.png'",
     ),
@@ -162,7 +162,7 @@ FAULTS: dict[str, tuple[Damage, str]] = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_fault_is_one_clear_line(files: tuple[Path, Path], fault: str) -> None:
+def test_an_invalid_group_is_reported_in_one_line(files: tuple[Path, Path], fault: str) -> None:
     damage, expected = FAULTS[fault]
     with h5py.File(files[0], "a") as features, h5py.File(files[1], "a") as matches:
         damage(features, matches)
@@ -173,7 +173,9 @@ def test_a_fault_is_one_clear_line(files: tuple[Path, Path], fault: str) -> None
 
 @pytest.mark.parametrize("which", [0, 1])
 @pytest.mark.parametrize("content", [None, b"", b"no HDF5", "half"])
-def test_a_file_that_is_not_hdf5(files: tuple[Path, Path], which: int, content: bytes | str | None) -> None:
+def test_a_file_that_is_not_hdf5_is_reported_in_one_line(
+    files: tuple[Path, Path], which: int, content: bytes | str | None
+) -> None:
     path = files[which]
     whole = path.read_bytes()
     path.unlink()
@@ -191,20 +193,22 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return where
 
 
-@pytest.mark.parametrize("judges", [(), ("ssl",), ("arc", "ssl")])
-def test_own_keypoints_and_matches_give_the_same_run(folder: Path, tmp_path: Path, judges: tuple[Any, ...]) -> None:
-    """Matched by descriptors, written, read and judged: the same tracks and poses as from one run."""
+@pytest.mark.parametrize("filters", [(), ("ssl",), ("arc", "ssl")])
+def test_exchanged_matches_give_the_same_tracks_and_poses(
+    folder: Path, tmp_path: Path, filters: tuple[Any, ...]
+) -> None:
+    """Matches that are written, read and filtered give the tracks and poses of a run without files."""
     sequence = open_sequence(folder)
 
-    def config_of(*filters: Any) -> Config:
-        return Config(matching=MatchingConfig(filters=filters, guided=False), backend=BackendConfig(rounds=1))
+    def config_of(*names: Any) -> Config:
+        return Config(matching=MatchingConfig(filters=names, guided=False), backend=BackendConfig(rounds=1))
 
     keypoints, found = extract_matches(sequence, config_of("mutual", "ratio"), NullRecorder(), StageClock())
     names, paths = name_images(folder, sequence), (tmp_path / "f.h5", tmp_path / "m.h5")
     write_hloc(*paths, names, keypoints, found)
     given = read_hloc(*paths, sequence, names)
-    ours = reconstruct(sequence, config_of("mutual", "ratio", *judges)).reconstruction
-    theirs = reconstruct(sequence, config_of("mutual", "ratio", *judges), given=given).reconstruction
+    ours = reconstruct(sequence, config_of("mutual", "ratio", *filters)).reconstruction
+    theirs = reconstruct(sequence, config_of("mutual", "ratio", *filters), given=given).reconstruction
     assert ours.tracks.count > 30
     np.testing.assert_array_equal(theirs.tracks.track, ours.tracks.track)
     np.testing.assert_allclose(theirs.tracks.range_m, ours.tracks.range_m, atol=1e-9)

@@ -1,4 +1,4 @@
-"""HoloOcean pickles: what is read, and what a stranger's pickle may not do."""
+"""Reader of HoloOcean recordings, against folders written here and against recordings."""
 
 import json
 from pathlib import Path
@@ -14,7 +14,7 @@ from asfm.sequence import Sequence
 from tests.datasets.holoocean_files import GEOMETRY, SHAPE, make_config, make_state, write_folder
 
 
-def test_a_folder_reads_as_it_was_written(tmp_path: Path) -> None:
+def test_images_poses_and_stamps_are_those_of_the_pickles(tmp_path: Path) -> None:
     states = [make_state(index) for index in range(12)]
     sequence = open_sequence(write_folder(tmp_path / "boat", states))
     assert (sequence.kind, sequence.name, len(sequence), sequence.sonar.shape) == ("holoocean", "boat", 12, SHAPE)
@@ -29,7 +29,7 @@ def test_a_folder_reads_as_it_was_written(tmp_path: Path) -> None:
     poses = np.stack([state["PoseSensor"] for state in states])
     np.testing.assert_allclose(sequence.groundtruth.world_from_vehicle, poses, atol=1e-6)
     np.testing.assert_array_equal(sequence.vehicle_from_sonar, np.eye(4))
-    assert len(open_sequence(tmp_path / "boat" / "Data")) == 12, "the folder of pickles itself will do"
+    assert len(open_sequence(tmp_path / "boat" / "Data")) == 12, "the folder of the pickles is accepted too"
 
 
 def test_bytes_and_out_of_range_values_become_0_to_1(tmp_path: Path) -> None:
@@ -52,18 +52,22 @@ def test_lengths_are_divided_by_ds_factor(tmp_path: Path) -> None:
     np.testing.assert_allclose(sequence.groundtruth.world_from_vehicle[1, :3, 3], [0.5, 1.0, 1.5])
 
 
-def test_without_usable_times_frames_are_stamped_at_the_sonars_rate(tmp_path: Path) -> None:
-    silent = [{key: value for key, value in make_state(index).items() if key != "t"} for index in range(3)]
+def test_without_usable_times_stamps_follow_the_nominal_rate(tmp_path: Path) -> None:
+    without_time = [{key: value for key, value in make_state(index).items() if key != "t"} for index in range(3)]
     stuck = [make_state(index, t=1.0) for index in range(3)]
     unreliable = ["unreliable-stamps"]
-    cases = {"none": (silent, []), "stuck": (stuck, unreliable), "some": ([*silent[:2], make_state(2)], unreliable)}
+    cases = {
+        "none": (without_time, []),
+        "stuck": (stuck, unreliable),
+        "some": ([*without_time[:2], make_state(2)], unreliable),
+    }
     for name, (states, codes) in cases.items():
         sequence = open_sequence(write_folder(tmp_path / name, states))
         np.testing.assert_allclose(sequence.timestamps_s, [0, 0.25, 0.5])
         assert [item.code for item in sequence.diagnostics] == codes
 
 
-def test_a_pose_sensor_that_sits_elsewhere_gives_no_ground_truth(tmp_path: Path) -> None:
+def test_a_pose_sensor_mounted_elsewhere_gives_no_ground_truth(tmp_path: Path) -> None:
     config = make_config(pose={"rotation": [0, 0, 0]})
     sequence = open_sequence(write_folder(tmp_path / "a", [make_state(0)], config))
     (diagnostic,) = sequence.diagnostics
@@ -71,7 +75,7 @@ def test_a_pose_sensor_that_sits_elsewhere_gives_no_ground_truth(tmp_path: Path)
     assert diagnostic.code == "pose-not-of-sonar" and "rotation" in diagnostic.message
 
 
-def test_an_image_of_another_size_is_named_when_it_is_read(tmp_path: Path) -> None:
+def test_an_image_of_another_size_is_reported_when_it_is_read(tmp_path: Path) -> None:
     states = [make_state(0), make_state(1, ImagingSonar=np.zeros((8, 6)))]
     sequence = open_sequence(write_folder(tmp_path / "a", states))
     with pytest.raises(AsfmError, match=r"1\.pkl: expected ImagingSonar of shape \(16, 6\).*found \(8, 6\)"):
@@ -90,7 +94,7 @@ def test_an_image_of_another_size_is_named_when_it_is_read(tmp_path: Path) -> No
         (json.dumps(make_config(ds_factor=0)), r"ds_factor: .*found 0"),
     ],
 )
-def test_a_fault_in_the_scenario_is_named(tmp_path: Path, config: str, message: str) -> None:
+def test_an_invalid_scenario_is_reported(tmp_path: Path, config: str, message: str) -> None:
     root = write_folder(tmp_path / "a", [make_state(0)])
     (root / "Config.json").write_text(config)
     with pytest.raises(AsfmError, match=rf"Config\.json.*{message}"):
@@ -98,7 +102,7 @@ def test_a_fault_in_the_scenario_is_named(tmp_path: Path, config: str, message: 
 
 
 def best_echo_after_transfer(sequence: Sequence, frame_a: int, frame_b: int, is_mirrored: bool) -> float:
-    """Send the brightest pixels of one frame, over all elevations, by the true poses into another: mean best echo."""
+    """Project the brightest pixels of one frame, at all elevations, into another by the true poses: mean best echo."""
     assert sequence.groundtruth is not None
     sonar, poses = sequence.sonar, sequence.groundtruth.world_from_vehicle
     step = -1 if is_mirrored else 1

@@ -53,7 +53,7 @@ def test_names_of_numpy_1_and_2_are_both_read(tmp_path: Path) -> None:
 
 @given(npst.arrays(npst.scalar_dtypes(), npst.array_shapes(max_dims=3, max_side=4)), st.integers(2, 5))
 @settings(max_examples=40, deadline=None)
-def test_an_array_comes_back_the_same_or_is_refused(
+def test_any_array_is_loaded_unchanged_or_refused(
     tmp_path_factory: pytest.TempPathFactory, array: np.ndarray, protocol: int
 ) -> None:
     path = tmp_path_factory.mktemp("any") / "a.pkl"
@@ -66,7 +66,7 @@ def test_an_array_comes_back_the_same_or_is_refused(
 
 
 class Call:
-    """Pickles as a call of any function with any arguments."""
+    """Object that pickles as a call of any function with any arguments."""
 
     def __init__(self, function: Any, *arguments: Any) -> None:
         self.parts = (function, arguments)
@@ -76,7 +76,7 @@ class Call:
 
 
 def forge(name: str, *arguments: Any) -> bytes:
-    """A protocol 2 pickle that calls module.name, which need not exist here."""
+    """Return a protocol 2 pickle that calls module.name, which need not exist here."""
     module, _, function = name.rpartition(".")
     head = b"\x80\x02c" + module.encode() + b"\n" + function.encode() + b"\n"
     return head + pickle.dumps(arguments, protocol=2)[2:-1] + b"R."
@@ -140,8 +140,8 @@ def test_the_refusal_names_file_and_class(tmp_path: Path) -> None:
         load_pickle(tmp_path / "evil.pkl")
 
 
-def test_a_hostile_pickle_leaves_the_reader_unaltered(tmp_path: Path) -> None:
-    """BUILD on an admitted function must not stick to it."""
+def test_a_hostile_pickle_cannot_modify_the_unpickler(tmp_path: Path) -> None:
+    """The BUILD opcode must not change an allowed function for later pickles."""
     path = tmp_path / "a.pkl"
     path.write_bytes(b"\x80\x02cnumpy\ndtype\nN}X\x09\x00\x00\x00_functionX\x01\x00\x00\x00xs\x86b.")
     with pytest.raises(AsfmError, match="alter a function"):

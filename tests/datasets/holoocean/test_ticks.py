@@ -33,7 +33,7 @@ def test_ticks_without_the_sonar_are_left_out(tmp_path: Path) -> None:
         ({"t": float("nan")}, r"expected one finite number of seconds as t"),
     ],
 )
-def test_a_fault_in_a_pickle_is_named(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+def test_an_invalid_pickle_is_reported_in_one_line(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
     root = write_folder(tmp_path / "a", [make_state(0, **changes)])
     with pytest.raises(AsfmError, match=rf"0\.pkl: {message}") as error:
         open_sequence(root)

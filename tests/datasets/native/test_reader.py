@@ -18,7 +18,7 @@ from tests.datasets.sequences import EVEN, UNEVEN, assert_same, make_sequence
 
 
 def mirror_on_disk(folder: Path, bearings: str) -> None:
-    """Store the same scene with column 0 to port."""
+    """Rewrite a folder with column 0 to port; the scene stays the same."""
     for path in [*(folder / "frames").iterdir(), *(folder / "invalid").iterdir()]:
         pixels = np.asarray(cv2.imread(str(path), cv2.IMREAD_UNCHANGED))
         cv2.imwrite(str(path), pixels[:, ::-1])
@@ -28,7 +28,7 @@ def mirror_on_disk(folder: Path, bearings: str) -> None:
 
 
 @pytest.mark.parametrize("sonar", [EVEN, UNEVEN], ids=["even", "uneven"])
-def test_descending_bearings_show_the_same_asymmetric_scene(tmp_path: Path, sonar: SonarModel) -> None:
+def test_descending_bearings_give_the_same_sequence(tmp_path: Path, sonar: SonarModel) -> None:
     expected = make_sequence(sonar)
     write_native(tmp_path / "port_first", expected)
     edges_deg = np.degrees(sonar.bearing_edges_rad[[-1, 0]]).tolist()
@@ -39,7 +39,7 @@ def test_descending_bearings_show_the_same_asymmetric_scene(tmp_path: Path, sona
 
 
 def test_one_echo_to_port_is_at_positive_bearing(tmp_path: Path) -> None:
-    """An echo placed by hand in a file with [30, -30] degrees: third column of eight is to port, i.e. positive."""
+    """With bearing_deg [30, -30], the third column of eight lies to port, so its bearing is positive."""
     folder = tmp_path / "sequence"
     (folder / "frames").mkdir(parents=True)
     pixels = np.zeros((4, 8), np.uint8)
@@ -67,15 +67,15 @@ def test_opening_ten_thousand_rows_reads_no_image_but_the_first(tmp_path: Path) 
     (folder / "navigation.csv").write_text("timestamp_s,z_m,roll_rad,pitch_rad\n" + "\n".join(rows))
     start = time.perf_counter()
     sequence = open_sequence(folder)
-    assert time.perf_counter() - start < 2.0, "some 0.15 s on one idle core"
+    assert time.perf_counter() - start < 2.0, "about 0.15 s on an idle core"
     assert len(sequence) == count
     with pytest.raises(AsfmError, match=r"9999\.png.*found none"):
         sequence.read_frame(9_999)
 
 
 @pytest.mark.parametrize(("name", "count"), [("oculus_tank_a", 87), ("oculus_tank_b", 121)])
-def test_hand_tracks_lie_on_echoes_and_their_mirror_images_do_not(shared_data: Path, name: str, count: int) -> None:
-    """The independent witness of the bearing convention: hand-tracked (range, bearing) against the pixels."""
+def test_hand_tracks_lie_on_echoes_but_not_when_mirrored(shared_data: Path, name: str, count: int) -> None:
+    """Check the bearing convention independently: hand-tracked (range, bearing) against the pixels."""
     sequence = open_sequence(shared_data / name)
     assert len(sequence) == count and sequence.hand_tracks is not None
     tracks, sonar = sequence.hand_tracks, sequence.sonar
@@ -100,11 +100,11 @@ def test_the_simulated_recording_has_all_its_sensors(shared_data: Path) -> None:
     assert read is not None
     noisy, truth = sequence.read_frame(3).image, read(3)
     assert np.corrcoef(noisy.ravel(), truth.clean.ravel())[0, 1] > 0.5
-    assert np.corrcoef(noisy[:, ::-1].ravel(), truth.clean.ravel())[0, 1] < 0.5, "both are turned alike"
+    assert np.corrcoef(noisy[:, ::-1].ravel(), truth.clean.ravel())[0, 1] < 0.5, "image and truth are flipped alike"
 
 
 def test_elevation_poses_and_bearings_of_the_simulated_recording_agree(shared_data: Path) -> None:
-    """Points placed by true elevation, carried by true poses, show their true elevation; mirrored ones do not."""
+    """Points at their true elevations, moved by the true poses, have the true elevations of the later frame."""
     folder = shared_data / "simulated_seafloor"
     sequence, read = open_sequence(folder), open_native_truth(folder)
     assert read is not None and sequence.groundtruth is not None
@@ -210,7 +210,9 @@ FAULTS: list[tuple[str, Callable[[Path], None], str]] = [
 
 
 @pytest.mark.parametrize(("spoil", "message"), [fault[1:] for fault in FAULTS], ids=[fault[0] for fault in FAULTS])
-def test_a_fault_in_the_text_is_named_at_opening(tmp_path: Path, spoil: Callable[[Path], None], message: str) -> None:
+def test_an_invalid_text_file_is_reported_on_opening(
+    tmp_path: Path, spoil: Callable[[Path], None], message: str
+) -> None:
     write_native(tmp_path / "sequence", make_sequence())
     spoil(tmp_path / "sequence")
     with pytest.raises(AsfmError, match=message) as error:
@@ -252,7 +254,7 @@ def stuff_jpeg(path: Path) -> None:
         (Path.unlink, r"found none"),
     ],
 )
-def test_a_bad_image_is_named_when_its_frame_is_read(
+def test_an_invalid_image_is_reported_when_its_frame_is_read(
     tmp_path: Path, kind: str, spoil: Callable[[Path], None], message: str
 ) -> None:
     write_native(tmp_path / "sequence", make_sequence())
@@ -263,7 +265,7 @@ def test_a_bad_image_is_named_when_its_frame_is_read(
         sequence.read_frame(2)
 
 
-def test_a_frame_that_does_not_exist_is_a_programmers_error(tmp_path: Path) -> None:
+def test_a_frame_that_does_not_exist_raises_index_error(tmp_path: Path) -> None:
     write_native(tmp_path / "sequence", make_sequence())
     sequence = read_native(tmp_path / "sequence")
     for index in (-1, 3):

@@ -76,8 +76,8 @@ def test_columns_are_assigned_by_name(tmp_path: Path) -> None:
     path.write_text("bearing_rad,landmark,range_m,timestamp_s\n4,2,3,1\n4,2,3,1\n")
     tracks = read_hand_tracks(path)
     assert tracks is not None
-    columns = tracks.timestamps_s, tracks.landmark, tracks.range_m, tracks.bearing_rad
-    np.testing.assert_array_equal(columns, np.outer([1, 2, 3, 4], [1, 1]))
+    found = tracks.timestamps_s, tracks.landmark, tracks.range_m, tracks.bearing_rad
+    np.testing.assert_array_equal(found, np.outer([1, 2, 3, 4], [1, 1]))
 
 
 def test_navigation_must_be_in_order_of_time(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from tests.datasets.sequences import make_sequence
 SHAPE = (3, 5)
 
 
-def test_truth_survives_and_is_deterministic(tmp_path: Path) -> None:
+def test_truth_survives_the_round_trip_and_its_bytes_are_reproducible(tmp_path: Path) -> None:
     sequence = make_sequence()
     elevation_rad = np.where(np.arange(96).reshape(12, 8) % 3 == 0, np.nan, np.linspace(-0.1, 0.1, 96).reshape(12, 8))
 
@@ -35,12 +35,12 @@ def test_truth_survives_and_is_deterministic(tmp_path: Path) -> None:
     files = sorted(path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*") if path.is_file())
     assert all((tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes() for file in files)
     with zipfile.ZipFile(tmp_path / "a" / "truth" / "000000.npz") as archive:
-        assert {entry.date_time[0] for entry in archive.infolist()} == {1980}, "no clock in the bytes"
+        assert {entry.date_time[0] for entry in archive.infolist()} == {1980}, "no time of writing in the bytes"
 
 
 @pytest.mark.parametrize("bits", [8, 16])
 @pytest.mark.parametrize("descending", [False, True])
-def test_a_file_reads_back_turned_to_starboard(tmp_path: Path, bits: Bits, descending: bool) -> None:
+def test_a_file_is_read_back_with_column_0_to_starboard(tmp_path: Path, bits: Bits, descending: bool) -> None:
     rng = np.random.default_rng(bits)
     elevation_rad = rng.uniform(-0.1, 0.1, SHAPE).astype(np.float32).astype(np.float64)
     elevation_rad[1, 2] = np.nan
@@ -50,7 +50,7 @@ def test_a_file_reads_back_turned_to_starboard(tmp_path: Path, bits: Bits, desce
     step = -1 if descending else 1
     np.testing.assert_array_equal(found.elevation_rad, elevation_rad[:, ::step])
     np.testing.assert_array_equal(found.clean, clean[:, ::step])
-    assert (found.elevation_rad.dtype, found.clean.dtype) == (np.float64, np.float32)
+    assert found.elevation_rad.dtype == np.float64 and found.clean.dtype == np.float32
 
 
 def test_a_clean_image_of_floats_is_clipped_to_0_to_1(tmp_path: Path) -> None:
@@ -58,7 +58,7 @@ def test_a_clean_image_of_floats_is_clipped_to_0_to_1(tmp_path: Path) -> None:
     clean[0, :3] = [-1, 2, np.nan]
     np.savez(tmp_path / "a.npz", elevation_rad=np.zeros(SHAPE), clean=clean)
     found = read_truth_file(tmp_path / "a.npz", SHAPE, descending=False).clean
-    np.testing.assert_array_equal(found[0, :4], np.float32([0, 1, 0, 0.5]))
+    np.testing.assert_array_equal(found[0, :4], [0, 1, 0, 0.5])
 
 
 GOOD = {"elevation_rad": np.zeros(SHAPE), "clean": np.zeros(SHAPE, np.uint8)}
@@ -72,7 +72,7 @@ GOOD = {"elevation_rad": np.zeros(SHAPE), "clean": np.zeros(SHAPE, np.uint8)}
         ({}, "expected an array elevation_rad, found none"),
         (
             GOOD | {"clean": np.zeros((3, 4), np.uint8)},
-            r"expected clean of shape \(3, 5\) \(ranges, beams\), found \(3, 4\)",
+            r"expected clean of shape \(3, 5\) .*, found \(3, 4\)",
         ),
         (GOOD | {"clean": np.zeros(SHAPE, np.int64)}, "expected clean to hold numbers, found int64"),
         (GOOD | {"elevation_rad": np.full(SHAPE, "up")}, "expected elevation_rad to hold numbers, found <U2"),

@@ -1,4 +1,4 @@
-"""The native folder: what is written reads back, what is wrong is named."""
+"""Writer of the native folder: round trips, overwriting, streaming, and refused sequences."""
 
 import dataclasses
 import os
@@ -19,7 +19,7 @@ from tests.datasets.sequences import EVEN, UNEVEN, assert_same, make_sequence
 
 @pytest.mark.parametrize("sonar", [EVEN, UNEVEN], ids=["even", "uneven"])
 @pytest.mark.parametrize("bits", [8, 16])
-def test_write_then_read_gives_the_same_sequence(tmp_path: Path, sonar: SonarModel, bits: int) -> None:
+def test_a_written_sequence_is_read_back_the_same(tmp_path: Path, sonar: SonarModel, bits: int) -> None:
     expected = make_sequence(sonar, bits=bits)
     write_native(tmp_path / "sequence", expected, bits=16 if bits == 16 else 8)
     assert_same(read_native(tmp_path / "sequence"), expected)
@@ -35,7 +35,7 @@ def test_write_then_read_gives_the_same_sequence(tmp_path: Path, sonar: SonarMod
     seed=st.integers(0, 99),
 )
 @settings(max_examples=15, deadline=None)
-def test_any_grid_survives_the_round_trip(
+def test_any_pixel_grid_survives_the_round_trip(
     tmp_path_factory: pytest.TempPathFactory,
     near: float,
     length: float,
@@ -52,7 +52,7 @@ def test_any_grid_survives_the_round_trip(
     assert_same(read_native(folder), expected)
 
 
-def test_a_bare_sequence_of_one_frame_survives(tmp_path: Path) -> None:
+def test_one_frame_without_sensors_survives_the_round_trip(tmp_path: Path) -> None:
     full = make_sequence(count=1)
     bare = dataclasses.replace(full, odometry=None, navigation=None, groundtruth=None, hand_tracks=None)
     write_native(tmp_path / "one", bare)
@@ -60,7 +60,7 @@ def test_a_bare_sequence_of_one_frame_survives(tmp_path: Path) -> None:
     assert_same(read_native(tmp_path / "one"), bare)
 
 
-def test_writing_replaces_nothing_unless_told_to(tmp_path: Path) -> None:
+def test_a_folder_is_replaced_only_with_overwrite(tmp_path: Path) -> None:
     folder, sequence = tmp_path / "sequence", make_sequence()
     write_native(folder, sequence)
     with pytest.raises(AsfmError, match=r"already holds a sequence.*--overwrite"):
@@ -71,7 +71,7 @@ def test_writing_replaces_nothing_unless_told_to(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["sequence"]
 
 
-def test_overwriting_spares_a_folder_that_is_no_sequence(tmp_path: Path) -> None:
+def test_overwriting_refuses_a_folder_that_is_no_sequence(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("years of work")
     with pytest.raises(AsfmError, match=r"expected an empty place, found thesis\.tex"):
         write_native(tmp_path, make_sequence(), overwrite=True)
@@ -79,7 +79,7 @@ def test_overwriting_spares_a_folder_that_is_no_sequence(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("name", ["README.md", "frames/best/000000.png", "raw/dive.aris"])
-def test_overwriting_spares_what_somebody_put_into_a_sequence(tmp_path: Path, name: str) -> None:
+def test_overwriting_refuses_a_folder_with_other_files(tmp_path: Path, name: str) -> None:
     folder, sequence = tmp_path / "sequence", make_sequence()
     truth = FrameTruth(np.zeros(sequence.sonar.shape), np.zeros(sequence.sonar.shape, np.float32))
     for overwrite in (False, True):
@@ -97,14 +97,14 @@ def test_a_sequence_can_overwrite_the_folder_that_it_is_read_from(tmp_path: Path
     assert_same(read_native(tmp_path / "sequence"), make_sequence())
 
 
-def test_an_empty_folder_and_missing_parents_are_fine(tmp_path: Path) -> None:
+def test_an_empty_folder_and_missing_parents_are_accepted(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     for folder in (tmp_path / "empty", tmp_path / "a" / "b"):
         write_native(folder, make_sequence())
         assert len(read_native(folder)) == 3
 
 
-def test_a_file_in_the_way_is_named(tmp_path: Path) -> None:
+def test_a_file_at_the_path_is_reported(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(AsfmError, match=r"found a file"):
         write_native(tmp_path / "file", make_sequence(), overwrite=True)
@@ -113,7 +113,7 @@ def test_a_file_in_the_way_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("fault", [AsfmError("unreadable"), KeyboardInterrupt()])
-def test_a_failure_half_way_leaves_nothing_behind(tmp_path: Path, fault: BaseException) -> None:
+def test_a_failure_while_writing_leaves_no_files(tmp_path: Path, fault: BaseException) -> None:
     sequence = make_sequence()
 
     def fail_late(index: int) -> Frame:
@@ -126,7 +126,7 @@ def test_a_failure_half_way_leaves_nothing_behind(tmp_path: Path, fault: BaseExc
     assert list(tmp_path.iterdir()) == []
 
 
-def test_frames_stream_one_by_one(tmp_path: Path) -> None:
+def test_frames_are_read_one_at_a_time_in_order(tmp_path: Path) -> None:
     sequence, calls = make_sequence(count=4), []
 
     def read(index: int) -> Frame:
@@ -163,7 +163,7 @@ def test_uneven_ranges_are_refused(tmp_path: Path) -> None:
         write_native(tmp_path / "sequence", make_sequence(sonar))
 
 
-def test_the_folder_is_as_readable_as_any_other(tmp_path: Path) -> None:
+def test_the_folder_has_default_permissions(tmp_path: Path) -> None:
     write_native(tmp_path / "sequence", make_sequence())
     (tmp_path / "plain").mkdir()
     assert (tmp_path / "sequence").stat().st_mode == (tmp_path / "plain").stat().st_mode

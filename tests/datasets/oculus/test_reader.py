@@ -1,4 +1,4 @@
-"""Oculus recordings: messages packed here after the maker's layout, and a real ping."""
+"""Reader of Oculus recordings, against messages packed field by field and a real ping."""
 
 import math
 from pathlib import Path
@@ -25,7 +25,9 @@ def open_bytes(folder: Path, *messages: bytes) -> Sequence:
 @pytest.mark.parametrize("version", [1, 2])
 @pytest.mark.parametrize("data_size", [0, 1, 3])
 @pytest.mark.parametrize("with_gains", [False, True])
-def test_a_file_reads_as_its_bytes_say(tmp_path: Path, version: int, data_size: int, with_gains: bool) -> None:
+def test_images_and_ranges_are_those_of_the_file(
+    tmp_path: Path, version: int, data_size: int, with_gains: bool
+) -> None:
     rng = np.random.default_rng(data_size)
     images = [rng.integers(0, np.iinfo(TYPES[data_size]).max, (RANGES, BEAMS)) for _ in range(3)]
     gains = rng.integers(1, 90, RANGES) if with_gains else None
@@ -46,22 +48,22 @@ def test_a_file_reads_as_its_bytes_say(tmp_path: Path, version: int, data_size: 
 
 @pytest.mark.parametrize(("gamma", "power"), [(255, 1.0), (0, 1.0), (127, 255 / 127), (51, 5.0)])
 @pytest.mark.parametrize("data_size", [0, 1])
-def test_the_gamma_is_undone(tmp_path: Path, gamma: int, power: float, data_size: int) -> None:
+def test_the_gamma_is_inverted(tmp_path: Path, gamma: int, power: float, data_size: int) -> None:
     image = np.linspace(0, 255, RANGES * BEAMS).round().reshape(RANGES, BEAMS)
     found = open_bytes(tmp_path, pack_ping(image, gamma=gamma, data_size=data_size)).read_frame(0).image
     np.testing.assert_allclose(found[:, ::-1], (image / 255) ** power, rtol=1e-5)
 
 
-def test_the_table_is_positive_to_starboard(tmp_path: Path) -> None:
+def test_bearings_of_the_file_are_positive_to_starboard(tmp_path: Path) -> None:
     image = np.zeros((RANGES, BEAMS))
-    image[2, 1] = 255  # at -12 degrees of the table: to port
+    image[2, 1] = 255  # at -12 degrees in the file: to port
     sequence = open_bytes(tmp_path, pack_ping(image))
     np.testing.assert_allclose(np.degrees(sequence.sonar.bearing_rad), [-30, -15, -1, 12, 30], atol=1e-12)
     row, column = np.argwhere(sequence.read_frame(0).image == 1.0)[0]
     assert row == 2 and np.degrees(sequence.sonar.bearing_rad[column]) == pytest.approx(12)
 
 
-def test_the_frequency_says_the_aperture(tmp_path: Path) -> None:
+def test_the_elevation_aperture_depends_on_the_frequency_mode(tmp_path: Path) -> None:
     for mode, aperture_deg, name in ((1, 20, "low frequency"), (2, 12, "high frequency")):
         sequence = open_bytes(tmp_path, pack_ping(mode=mode))
         assert np.degrees(sequence.sonar.elevation_aperture_rad) == pytest.approx(aperture_deg)
@@ -73,7 +75,7 @@ def test_the_frequency_says_the_aperture(tmp_path: Path) -> None:
     assert np.degrees(other.sonar.elevation_aperture_rad) == pytest.approx(15) and other.diagnostics == ()
 
 
-def test_stamps_are_the_clock_s_where_it_is_one(tmp_path: Path) -> None:
+def test_stamps_are_those_of_a_clock_in_seconds(tmp_path: Path) -> None:
     starts = (100.0, 100.3, 100.4)
     clocked = open_bytes(tmp_path, *[pack_ping(version=2, start=start) for start in starts])
     np.testing.assert_array_equal(clocked.timestamps_s, starts)
@@ -91,7 +93,7 @@ def test_stamps_are_the_clock_s_where_it_is_one(tmp_path: Path) -> None:
         (2, 0, (1e9, 1.1e9, 1.2e9), 10),
     ],
 )
-def test_other_stamps_are_spaced_evenly(
+def test_other_stamps_are_evenly_spaced(
     tmp_path: Path, version: int, rate: int, starts: tuple[float, ...], hz: float
 ) -> None:
     sequence = open_bytes(tmp_path, *[pack_ping(version=version, rate=rate, start=start) for start in starts])
@@ -100,7 +102,7 @@ def test_other_stamps_are_spaced_evenly(
     assert diagnostic.code == "unreliable-stamps" and f"evenly at {hz:g} Hz" in diagnostic.message
 
 
-def test_a_small_change_of_resolution_is_a_warning(tmp_path: Path) -> None:
+def test_a_small_change_of_the_range_resolution_gives_a_diagnostic(tmp_path: Path) -> None:
     pings = pack_ping(version=2, start=1), pack_ping(version=2, start=2, step_m=0.2501)
     (diagnostic,) = open_bytes(tmp_path, *pings).diagnostics
     assert diagnostic.code == "variable-range-resolution" and "0.25 to 0.2501 m" in diagnostic.message
@@ -122,13 +124,15 @@ GOOD = pack_ping()
         ((GOOD, pack_ping(bearings=(*BEARINGS[:-1], 3001))), r"frame 1: expected bearings .*found -30\.\.30\.01 deg"),
     ],
 )
-def test_a_fault_is_named(tmp_path: Path, messages: tuple[bytes, ...], message: str) -> None:
+def test_invalid_gains_and_changed_settings_are_reported_in_one_line(
+    tmp_path: Path, messages: tuple[bytes, ...], message: str
+) -> None:
     with pytest.raises(AsfmError, match=rf"a\.raw.*{message}") as error:
         open_bytes(tmp_path, *messages)
     assert "\n" not in str(error.value)
 
 
-def test_a_file_that_shrinks_after_opening_is_named(tmp_path: Path) -> None:
+def test_a_file_cut_off_after_opening_is_reported(tmp_path: Path) -> None:
     sequence = open_bytes(tmp_path, GOOD, GOOD)
     (tmp_path / "a.raw").write_bytes((GOOD + GOOD)[:-10])
     sequence.read_frame(0)
@@ -138,7 +142,7 @@ def test_a_file_that_shrinks_after_opening_is_named(tmp_path: Path) -> None:
         sequence.read_frame(2)
 
 
-def test_text_is_no_recording(tmp_path: Path) -> None:
+def test_text_and_folders_are_not_recognised(tmp_path: Path) -> None:
     path = tmp_path / "a.raw"
     for content in (b"SONAR LOG of the dive\n" * 9, b"", b"SO"):
         path.write_bytes(content)
@@ -153,9 +157,11 @@ def test_a_real_ping_reads_and_survives_conversion(tmp_path: Path, shared_data: 
     np.testing.assert_allclose(np.degrees(sequence.sonar.bearing_rad[[0, -1]]), [-30, 30], atol=1e-9)
     image = sequence.read_frame(0).image
     rows = np.corrcoef(image[260:400].ravel(), image[261:401].ravel())[0, 1]
-    assert rows > 0.3, "neighbouring rows are alike: the stride is right"
+    assert rows > 0.3, "neighbouring rows are similar, so the row stride is right"
     config = CfarConfig()
     alarms = detect_cfar(image, np.ones(image.shape, dtype=bool), config)[560:680].mean()
-    assert alarms == pytest.approx(config.false_alarm_probability, rel=0.15), "amplitudes, where water is empty"
+    assert alarms == pytest.approx(config.false_alarm_probability, rel=0.15), (
+        "the rate that was set: images are amplitudes"
+    )
     write_native(tmp_path / "native", sequence, bits=16)
     np.testing.assert_allclose(read_native(tmp_path / "native").read_frame(0).image, image, atol=1 / 65535)
