@@ -200,15 +200,15 @@ def test_exchanged_matches_give_the_same_tracks_and_poses(
     """Matches that are written, read and filtered give the tracks and poses of a run without files."""
     sequence = open_sequence(folder)
 
-    def config_of(*names: Any) -> Config:
-        return Config(matching=MatchingConfig(filters=names, guided=False), backend=BackendConfig(rounds=1))
+    def make_config(*enabled: Any) -> Config:
+        return Config(matching=MatchingConfig(filters=enabled, guided=False), backend=BackendConfig(rounds=1))
 
-    keypoints, found = extract_matches(sequence, config_of("mutual", "ratio"), NullRecorder(), StageClock())
+    keypoints, found = extract_matches(sequence, make_config("mutual", "ratio"), NullRecorder(), StageClock())
     names, paths = name_images(folder, sequence), (tmp_path / "f.h5", tmp_path / "m.h5")
     write_hloc(*paths, names, keypoints, found)
     given = read_hloc(*paths, sequence, names)
-    ours = reconstruct(sequence, config_of("mutual", "ratio", *filters)).reconstruction
-    theirs = reconstruct(sequence, config_of("mutual", "ratio", *filters), given=given).reconstruction
+    ours = reconstruct(sequence, make_config("mutual", "ratio", *filters)).reconstruction
+    theirs = reconstruct(sequence, make_config("mutual", "ratio", *filters), given=given).reconstruction
     assert ours.tracks.count > 30
     np.testing.assert_array_equal(theirs.tracks.track, ours.tracks.track)
     np.testing.assert_allclose(theirs.tracks.range_m, ours.tracks.range_m, atol=1e-9)

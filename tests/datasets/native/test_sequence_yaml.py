@@ -58,9 +58,8 @@ def test_a_mounting_is_read_as_a_pose(tmp_path: Path) -> None:
 
 
 def test_a_pose_survives_its_settings() -> None:
-    for pose in make_pose(
-        np.random.default_rng(0).normal(size=(9, 3)), Rotation.random(9, rng=np.random.default_rng(1))
-    ):
+    rng = np.random.default_rng(0)
+    for pose in make_pose(rng.normal(size=(9, 3)), Rotation.random(9, rng=rng)):
         np.testing.assert_allclose(MountSettings.from_pose(pose).pose(), pose, atol=1e-12)
 
 
