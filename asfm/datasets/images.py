@@ -83,7 +83,7 @@ def encode_png(pixels: NDArray[Any]) -> bytes:
 
 
 def quantise(image: ImageArray, bits: Bits) -> NDArray[Any]:
-    """Round an image in 0..1 to unsigned integers of 8 or 16 bits, the inverse of :func:`scale_to_unit`."""
+    """Round an image in 0..1 to unsigned integers of the same shape; the inverse of :func:`scale_to_unit`."""
     dtype = np.uint8 if bits == 8 else np.uint16
     return np.round(image.astype(np.float64) * np.iinfo(dtype).max).astype(dtype)
 

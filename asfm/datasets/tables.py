@@ -91,7 +91,7 @@ def parse_numbers(path: Path, rows: list[Row], column: int, name: str) -> FloatA
         name: name of the column, for messages.
 
     Returns:
-        (rows,) float64.
+        (N,) float64, one number per row.
 
     Raises:
         AsfmError: a cell is not a finite number.
@@ -107,7 +107,7 @@ def parse_integers(path: Path, rows: list[Row], column: int, name: str) -> IntAr
     """Parse one column as integers; arguments as for :func:`parse_numbers`.
 
     Returns:
-        (rows,) int64.
+        (N,) int64, one number per row.
 
     Raises:
         AsfmError: a cell is not an integer of 64 bits.
@@ -116,7 +116,7 @@ def parse_integers(path: Path, rows: list[Row], column: int, name: str) -> IntAr
 
 
 def check_increasing(path: Path, rows: list[Row], timestamps_s: FloatArray) -> None:
-    """Check that the stamps (rows,) increase strictly.
+    """Check that the stamps (N,) increase strictly.
 
     Raises:
         AsfmError: a stamp is not later than the one before.

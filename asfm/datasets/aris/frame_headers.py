@@ -103,6 +103,10 @@ def _check_header(path: Path, index: int, content: bytes) -> tuple[int, int]:
 def check_settings(path: Path, headers: NDArray[Any]) -> None:
     """Check that the settings that define the pixel grid are the same in all frames.
 
+    Args:
+        path: the file, for messages.
+        headers: (N,) records of :data:`FRAME_HEADER`.
+
     Raises:
         AsfmError: a frame has another sample delay, sample period or lens.
     """

@@ -17,7 +17,8 @@ from asfm.datasets.hloc.image_names import ImageNames, name_images
 from asfm.datasets.native.writer import write_native
 from asfm.errors import AsfmError
 from asfm.geometry.sonar import SonarModel
-from asfm.pipeline.reconstruction import extract_matches, reconstruct
+from asfm.pipeline.feature_matching import extract_matches
+from asfm.pipeline.reconstruction import reconstruct
 from asfm.recorder import NullRecorder
 from asfm.sequence import Sequence
 from asfm.simulation.simulate import simulate
@@ -206,9 +207,9 @@ def test_exchanged_matches_give_the_same_tracks_and_poses(
     keypoints, found = extract_matches(sequence, make_config("mutual", "ratio"), NullRecorder(), StageClock())
     names, paths = name_images(folder, sequence), (tmp_path / "f.h5", tmp_path / "m.h5")
     write_hloc(*paths, names, keypoints, found)
-    given = read_hloc(*paths, sequence, names)
+    external = read_hloc(*paths, sequence, names)
     ours = reconstruct(sequence, make_config("mutual", "ratio", *filters)).reconstruction
-    theirs = reconstruct(sequence, make_config("mutual", "ratio", *filters), given=given).reconstruction
+    theirs = reconstruct(sequence, make_config("mutual", "ratio", *filters), external=external).reconstruction
     assert ours.tracks.count > 30
     np.testing.assert_array_equal(theirs.tracks.track, ours.tracks.track)
     np.testing.assert_allclose(theirs.tracks.range_m, ours.tracks.range_m, atol=1e-9)
