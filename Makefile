@@ -4,16 +4,18 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test clean
+.PHONY: demo test check clean
 
 demo: $(VENV)/.installed
 	$(BIN)/asfm demo
 
-test: $(VENV)/.installed-dev
+test: check
+	$(BIN)/pytest -q -n 2 --cov --cov-report=term:skip-covered
+
+check: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/pytest -q -n 2
 
 # The package is installed in place, so only new dependencies call for another installation.
 $(VENV)/.installed: pyproject.toml $(VENV)/.made
@@ -33,4 +35,4 @@ $(VENV)/.made:
 	touch $@
 
 clean:
-	rm -rf $(VENV) build *.egg-info asfm-demo .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) build *.egg-info asfm-demo .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache .coverage
