@@ -42,7 +42,7 @@ def write_denoising(
 
 def draw_denoising(examples: "Mapping[str, tuple[FrameTruth, Comparison]]") -> bytes:
     """Draw a row an example as PNG: the image without noise, the raw one, each method; near is below, port is left."""
-    from asfm.visualization.drawing import encode_picture
+    from asfm.visualization.pictures import encode_picture
 
     rows = []
     for scene, (truth, comparison) in examples.items():

@@ -11,7 +11,7 @@ def view_folder(folder: Path) -> None:
     Raises:
         AsfmError: there is no recording, or the viewer cannot be shown.
     """
-    from asfm.visualization.rerun_recorder import open_viewer
+    from asfm.visualization.viewer import open_viewer
 
     path = folder / "reconstruction.rrd" if folder.is_dir() else folder
     code = open_viewer(path)
