@@ -24,7 +24,7 @@ from asfm.results.tracks_csv import write_tracks
 from asfm.results.trajectory_tum import read_trajectory, write_trajectory
 from asfm.sequence import Sequence
 from asfm.stages import Progress, no_progress
-from asfm.types import Reconstruction, Trajectory
+from asfm.types import Reconstruction
 
 
 def run_sequence(
@@ -61,9 +61,7 @@ def run_sequence(
             run = reconstruct(sequence, config, recorder, progress, given)
         result = run.reconstruction
         _write_reconstruction(folder, result, config)
-        evaluation, remarks = _evaluate(sequence, read_trajectory(folder / TRAJECTORY))  # rounded, as asfm evaluate
-        if evaluation is not None:
-            write_evaluation(folder, evaluation)
+        evaluation, remarks = _evaluate(folder, sequence)
         diagnostics = tuple(dict.fromkeys((*sequence.diagnostics, *result.diagnostics, *remarks)))
         wall_s = time.perf_counter() - begin_s
         summary = RunSummary(output, path, sequence, result, run.stages, diagnostics, evaluation, wall_s)
@@ -87,11 +85,14 @@ def _write_reconstruction(folder: Path, result: Reconstruction, config: Config) 
     (folder / CONFIG).write_text(dump_config(config), encoding="utf-8")
 
 
-def _evaluate(sequence: Sequence, estimate: Trajectory) -> tuple[EvaluationTable | None, tuple[Diagnostic, ...]]:
+def _evaluate(folder: Path, sequence: Sequence) -> tuple[EvaluationTable | None, tuple[Diagnostic, ...]]:
     """Compare with the ground truth of the sequence; a failure becomes a diagnostic, so that the results are kept."""
     if sequence.groundtruth is None and sequence.hand_tracks is None:
         return None, ()
     try:
-        return evaluate_sequence(sequence, estimate), ()
+        estimate = read_trajectory(folder / TRAJECTORY)  # rounded as in the file, so that asfm evaluate finds the same
+        evaluation = evaluate_sequence(sequence, estimate)
     except AsfmError as error:
         return None, (Diagnostic("not-evaluated", f"not evaluated: {error}"),)
+    write_evaluation(folder, evaluation)
+    return evaluation, ()
