@@ -72,9 +72,3 @@ def build_track_segments(tracks: Tracks, xy_px: FloatArray) -> FloatArray:
     here = np.arange(len(tracks))
     before = np.maximum(here - 1, 0)
     return np.stack([xy_px[np.where(tracks.track[before] == tracks.track, before, here)], xy_px], axis=1)
-
-
-def split_by_frame(tracks: Tracks, frame_count: int) -> list[IntArray]:
-    """Return the indices of the observations of each frame."""
-    by_frame = np.argsort(tracks.frame, kind="stable")
-    return np.split(by_frame, np.searchsorted(tracks.frame[by_frame], np.arange(1, frame_count)))

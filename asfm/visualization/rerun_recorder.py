@@ -17,7 +17,6 @@ from asfm.visualization.overlays import (
     build_match_segments,
     build_track_segments,
     group_matches,
-    split_by_frame,
 )
 from asfm.visualization.pictures import Picture, brighten_image, draw_mask, encode_picture, make_texture
 from asfm.visualization.rerun_stream import RerunStream
@@ -104,7 +103,7 @@ class RerunRecorder:
         landmark_of_track[landmarks.track] = np.arange(len(landmarks))
         segments = build_track_segments(tracks, self._grids["fan"].pixel_at(tracks.range_m, tracks.bearing_rad))
         hues = colours.choose_hues(tracks.track)
-        for frame, now in enumerate(split_by_frame(tracks, len(self._stamps_s))):
+        for frame, now in enumerate(tracks.by_frame(len(self._stamps_s))):
             self._stream.set_frame(frame)
             self._stream.log("counts/tracks", self._rr.Scalars(len(now)))
             self._stream.log("fan/tracks", self._rr.LineStrips2D(segments[now], colors=hues[now], radii=-1.0))

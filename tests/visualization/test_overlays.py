@@ -4,7 +4,7 @@ import numpy as np
 
 from asfm.geometry.sonar import SonarModel
 from asfm.types import Tracks
-from asfm.visualization.overlays import PolarGrid, build_track_segments, split_by_frame
+from asfm.visualization.overlays import PolarGrid, build_track_segments
 
 UNEVEN = SonarModel("uneven", np.linspace(1.0, 5.0, 40), 0.5 * np.linspace(-1, 1, 31) ** 3, 0.3)
 
@@ -25,11 +25,3 @@ def test_segments_never_join_two_tracks() -> None:
     np.testing.assert_array_equal(steps[:, 0], xy_px[[0, 0, 1, 3, 4, 4]])
     nothing = np.zeros(0, int)
     assert build_track_segments(Tracks(nothing, nothing, np.zeros(0), np.zeros(0)), np.zeros((0, 2))).shape == (0, 2, 2)
-
-
-def test_observations_are_split_by_frame() -> None:
-    tracks = Tracks(np.array([0, 0, 1, 1, 2]), np.array([0, 3, 1, 3, 3]), np.ones(5), np.zeros(5))
-    split = split_by_frame(tracks, 6)
-    assert [part.tolist() for part in split] == [[0], [2], [], [1, 3, 4], [], []]
-    nothing = np.zeros(0, int)
-    assert [len(part) for part in split_by_frame(Tracks(nothing, nothing, np.ones(0), np.ones(0)), 2)] == [0, 0]
