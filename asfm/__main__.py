@@ -1,4 +1,4 @@
-"""Run the command line as ``python -m asfm``."""
+"""Entry point of ``python -m asfm``."""
 
 from asfm.cli import main
 

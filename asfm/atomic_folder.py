@@ -1,4 +1,4 @@
-"""A folder that appears all at once: written beside its place, moved there when it is whole."""
+"""Atomic creation of output folders: written under a temporary name, renamed when complete."""
 
 import errno
 import os
@@ -13,22 +13,22 @@ from pathlib import Path
 from asfm.errors import AsfmError
 
 FULL_DISK = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO})
-"""What a disk answers that takes no more; such an error does not always name its file."""
+"""Error numbers of a disk that accepts no more data; such an error does not always name its file."""
 
 
 @dataclass(frozen=True)
 class FolderKind:
-    """What a folder of one kind looks like when asfm wrote it: only such a folder is ever replaced."""
+    """The files of one kind of output folder; only a folder that matches is ever replaced."""
 
     name: str
-    """As in "already holds ...": results, a sequence."""
+    """For messages, as in "already holds ...": results, a sequence."""
     marks: tuple[str, ...]
-    """Files that together tell it from anybody else's."""
+    """Files that must all exist for the folder to be of this kind."""
     patterns: tuple[str, ...]
-    """All that it may hold, relative and with / between parts; a stranger's file in it is never deleted."""
+    """All files it may hold, as relative paths with / and wildcards; a folder with any other file is not replaced."""
 
-    def find_stranger(self, folder: Path) -> str | None:
-        """Give the first entry of a folder that matches no pattern, or None."""
+    def find_foreign_entry(self, folder: Path) -> str | None:
+        """Return the first entry of a folder, by name, that matches no pattern, or None."""
         names = sorted(entry.relative_to(folder).as_posix() for entry in folder.rglob("*"))
         known = (*self.patterns, ".DS_Store", "*/.DS_Store")
         return next((name for name in names if not any(fnmatch(name, pattern) for pattern in known)), None)
@@ -36,22 +36,25 @@ class FolderKind:
 
 @contextmanager
 def atomic_folder(path: Path, kind: FolderKind, overwrite: bool) -> Iterator[Path]:
-    """Yield a temporary folder beside ``path`` that takes its place when the body ends without an exception.
+    """Yield a temporary folder that is renamed to ``path`` when the body ends without an exception.
 
-    When the body raises, KeyboardInterrupt included, the temporary folder is removed and an existing ``path`` stays as
-    it was. A process killed outright leaves ``<name>.<random>.partial``, never a half-written ``path``.
+    When the body raises, KeyboardInterrupt included, the temporary folder is removed and an existing ``path`` is left
+    unchanged. A killed process leaves ``<name>.<random>.partial``, never an incomplete ``path``.
 
     Args:
-        path: where the folder belongs; its parents are made.
-        kind: what it will hold, and what a folder that is there must look like to be replaced.
-        overwrite: replace one that is there.
+        path: the final folder; its parents are created.
+        kind: the files it will hold; an existing folder must match it to be replaced.
+        overwrite: replace an existing folder.
+
+    Yields:
+        The temporary folder, in the same parent folder.
 
     Raises:
-        AsfmError: ``path`` is not ours to replace, a folder cannot be made or renamed, or the disk is full.
+        AsfmError: ``path`` holds other files, a folder cannot be created or renamed, or the disk is full.
     """
     path = path.resolve()
-    _require_place(path, kind, overwrite)
-    partial = _name_beside(path, "partial")
+    _require_replaceable(path, kind, overwrite)
+    partial = _temporary_name(path, "partial")
     try:
         partial.mkdir(parents=True)
     except OSError as error:
@@ -60,17 +63,17 @@ def atomic_folder(path: Path, kind: FolderKind, overwrite: bool) -> Iterator[Pat
         yield partial
     except BaseException as error:
         shutil.rmtree(partial, ignore_errors=True)
-        if isinstance(error, OSError) and _refuses_writing(error, partial):
+        if isinstance(error, OSError) and _is_write_error(error, partial):
             raise AsfmError(f"{path}: cannot write: {error.strerror}") from None
         raise
     try:
-        _require_place(path, kind, overwrite)  # again: much may have happened meanwhile
-        _take_place(path, partial)
+        _require_replaceable(path, kind, overwrite)  # again: the folder may have changed since
+        _move_into_place(path, partial)
     except (AsfmError, OSError) as error:
-        raise AsfmError(f"{error}; what was made is whole in {partial}") from None
+        raise AsfmError(f"{error}; the complete output is in {partial}") from None
 
 
-def _require_place(path: Path, kind: FolderKind, overwrite: bool) -> None:
+def _require_replaceable(path: Path, kind: FolderKind, overwrite: bool) -> None:
     try:
         if not path.exists():
             return
@@ -81,29 +84,29 @@ def _require_place(path: Path, kind: FolderKind, overwrite: bool) -> None:
         if not any(path.iterdir()):
             return
         if not all((path / mark).is_file() for mark in kind.marks):
-            raise AsfmError(f"{path}: expected an empty place, found {_first_of(path)}: choose another folder")
+            raise AsfmError(f"{path}: expected an empty place, found {_first_entry(path)}: choose another folder")
         if not overwrite:
             raise AsfmError(f"{path}: already holds {kind.name}: choose another folder, or overwrite it (--overwrite)")
-        stranger = kind.find_stranger(path)
+        foreign = kind.find_foreign_entry(path)
     except OSError as error:
         raise AsfmError(f"{path}: cannot look into it: {error.strerror}") from None
-    if stranger is not None:
-        raise AsfmError(f"{path}: holds {stranger}, which asfm did not write: move it or choose another folder")
+    if foreign is not None:
+        raise AsfmError(f"{path}: holds {foreign}, which asfm did not write: move it or choose another folder")
 
 
-def _first_of(folder: Path) -> str:
+def _first_entry(folder: Path) -> str:
     return min(entry.name for entry in folder.iterdir())
 
 
-def _refuses_writing(error: OSError, partial: Path) -> bool:
-    """Tell whether an error is about what we write; any other, a broken pipe say, is not ours to explain."""
+def _is_write_error(error: OSError, partial: Path) -> bool:
+    """Return whether an error concerns the output folder; any other, such as a broken pipe, is passed on."""
     named = error.filename if isinstance(error.filename, str | os.PathLike) else None
     return error.errno in FULL_DISK or (named is not None and Path(named).is_relative_to(partial))
 
 
-def _take_place(path: Path, partial: Path) -> None:
-    """Rename the old folder aside, the new one in, and delete the old one; on failure put the old one back."""
-    old = _name_beside(path, "old")
+def _move_into_place(path: Path, partial: Path) -> None:
+    """Rename the old folder aside and the new one into place, then delete the old one; restore it on failure."""
+    old = _temporary_name(path, "old")
     try:
         if path.exists():
             path.rename(old)
@@ -115,5 +118,5 @@ def _take_place(path: Path, partial: Path) -> None:
     shutil.rmtree(old, ignore_errors=True)
 
 
-def _name_beside(path: Path, suffix: str) -> Path:
+def _temporary_name(path: Path, suffix: str) -> Path:
     return path.with_name(f"{path.name}.{secrets.token_hex(4)}.{suffix}")

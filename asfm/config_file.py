@@ -1,4 +1,4 @@
-"""Configurations as files and as text: defaults, then a YAML file, then single settings."""
+"""Configuration files: defaults, overridden by a YAML file, overridden by single settings."""
 
 from pathlib import Path
 from typing import Any
@@ -10,14 +10,18 @@ from asfm.config import Config
 from asfm.errors import AsfmError
 
 YAML_ERRORS = (yaml.YAMLError, ValueError, RecursionError)
-"""What PyYAML raises on text that it cannot read: ValueError for impossible dates, numbers and bytes."""
+"""Exceptions of PyYAML on malformed text; ValueError for impossible dates, numbers and bytes."""
 
 
 def load_config(path: Path | None = None, overrides: tuple[str, ...] = ()) -> Config:
-    """Resolve the defaults, then a YAML file, then ``section.key=value`` overrides.
+    """Return the defaults, overridden by a YAML file and then by single settings.
+
+    Args:
+        path: YAML file with sections of keys; the defaults where it is None.
+        overrides: settings of the form ``section.key=value``.
 
     Raises:
-        AsfmError: the file cannot be read, or a key or value is not one of ours.
+        AsfmError: the file cannot be read, a key is unknown or a value is invalid.
     """
     settings = _read_yaml(path) if path is not None else {}
     for override in overrides:
@@ -25,11 +29,11 @@ def load_config(path: Path | None = None, overrides: tuple[str, ...] = ()) -> Co
     try:
         return Config.model_validate(settings)
     except ValidationError as error:
-        raise AsfmError(_explain(error, path)) from None
+        raise AsfmError(_describe_fault(error, path)) from None
 
 
 def dump_config(config: Config) -> str:
-    """Write the resolved configuration as YAML that :func:`load_config` reads back."""
+    """Format a configuration as YAML that :func:`load_config` reads back."""
     return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
 
 
@@ -42,7 +46,7 @@ def _read_yaml(path: Path) -> dict[str, Any]:
         return {}
     if not isinstance(settings, dict):
         raise AsfmError(f"{path}: expected sections with keys, found {type(settings).__name__}")
-    return {key: value for key, value in settings.items() if value is not None}  # a section with all keys left out
+    return {key: value for key, value in settings.items() if value is not None}  # a section without keys
 
 
 def _apply_override(settings: dict[str, Any], override: str) -> None:
@@ -60,12 +64,12 @@ def _apply_override(settings: dict[str, Any], override: str) -> None:
         raise AsfmError(f"--set {_shorten(override)}: {_shorten(text)!r} is not a YAML value") from None
 
 
-def _explain(error: ValidationError, path: Path | None) -> str:
+def _describe_fault(error: ValidationError, path: Path | None) -> str:
     first = error.errors()[0]
     name = ".".join(str(part) for part in first["loc"])
     where = f"{path}: " if path is not None else ""
     if first["type"] == "extra_forbidden":
-        known = ", ".join(_keys_beside(first["loc"]))
+        known = ", ".join(_known_keys(first["loc"]))
         return f"{where}unknown key {name!r} in the configuration; known here: {known}"
     if first["type"] == "value_error":
         return f"{where}configuration section {name!r}: {first['msg'].removeprefix('Value error, ')}"
@@ -76,7 +80,7 @@ def _shorten(text: str) -> str:
     return text if len(text) <= 80 else f"{text[:77]}..."
 
 
-def _keys_beside(location: tuple[int | str, ...]) -> list[str]:
+def _known_keys(location: tuple[int | str, ...]) -> list[str]:
     model: type[BaseModel] = Config
     for part in location[:-1]:
         annotation = model.model_fields[str(part)].annotation

@@ -1,4 +1,4 @@
-"""Work on what comes next while the consumer is busy with what came before."""
+"""Prefetching: compute the next item in a thread while the consumer works on the current one."""
 
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -9,14 +9,17 @@ Result = TypeVar("Result")
 
 
 def prefetch_map(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
-    """Apply a function to items in their order, in one thread beside the consumer, one item ahead of it.
+    """Apply a function to items in order, in one background thread, one item ahead of the consumer.
 
-    Pays where the function lets go of Python's lock, as OpenCV and numpy do. What the function or the items raise
-    reaches the consumer in its turn.
+    Saves time where the function releases Python's global lock, as OpenCV and NumPy do. Exceptions of the function or
+    of the items reach the consumer at the position of the item that raised them.
 
     Args:
-        work: called in the thread, never twice at once.
-        items: read in the consumer's thread.
+        work: called in the background thread, one call at a time.
+        items: iterated in the consumer's thread.
+
+    Yields:
+        The results, in the order of the items.
     """
     with ThreadPoolExecutor(max_workers=1) as pool:
         pending: Future[Result] | None = None

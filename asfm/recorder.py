@@ -1,4 +1,4 @@
-"""Whoever watches a run: the pipeline talks to a recorder and never asks whether anybody looks."""
+"""Recorder interface: observes the stages of the pipeline, for example to visualize them."""
 
 from typing import Protocol
 
@@ -7,23 +7,23 @@ from asfm.types import BoolArray, Frame, Keypoints, Matches, Reconstruction
 
 
 class Recorder(Protocol):
-    """Whoever watches a run."""
+    """Observer of a run; the pipeline calls every method, whether or not anything is recorded."""
 
     def record_frame(self, frame: Frame, mask: BoolArray, keypoints: Keypoints) -> None:
-        """Take what the front-end found in a frame; once a frame, in order."""
+        """Record the mask and keypoints of a frame; called once per frame, in order."""
 
     def record_matches(self, frame_a: Keypoints, frame_b: Keypoints, matches: Matches) -> None:
-        """Take the surviving matches of a frame (b) with the one before it (a); for all but the first, even if none."""
+        """Record the matches of a frame (b) with the previous one (a); called for every frame but the first."""
 
     def record_reconstruction(self, sequence: Sequence, reconstruction: Reconstruction) -> None:
-        """Take the result, once, in the end."""
+        """Record the result; called once, at the end."""
 
     def close(self) -> None:
-        """Finish; nothing may be recorded afterwards."""
+        """Finish the recording; no other method may be called afterwards."""
 
 
 class NullRecorder:
-    """Watch nothing."""
+    """Recorder that discards everything."""
 
     def _ignore(self, *args: object, **kwargs: object) -> None:
         """Do nothing."""

@@ -1,4 +1,4 @@
-"""The clock of a run: what each stage took and made, and how far it is."""
+"""Wall time, peak memory, counts and progress of each stage of a run."""
 
 import sys
 import time
@@ -7,35 +7,39 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 Progress = Callable[[str, int, int], None]
-"""Called as progress(stage, done, total) while a stage works."""
+"""Called as progress(stage, done, total) while a stage is running."""
 
 
 def no_progress(stage: str, done: int, total: int) -> None:
-    """Show nothing."""
+    """Ignore progress reports."""
 
 
 @dataclass
 class StageReport:
-    """What one stage took and made."""
+    """Cost and output counts of one stage."""
 
     name: str
     wall_s: float = 0.0
     peak_memory_mb: float = 0.0
-    """Largest resident memory of the process up to the end of the stage."""
+    """Largest resident memory of the process until the end of the stage."""
     counts: dict[str, float] = field(default_factory=dict)
-    """What it made, by name: frames, keypoints, tracks ..."""
+    """Number of items produced, by name: frames, keypoints, tracks ..."""
 
 
 @dataclass
 class StageClock:
-    """Times the stages of one run, in order."""
+    """Stopwatch of the stages of one run, in order."""
 
     progress: Progress = no_progress
     reports: list[StageReport] = field(default_factory=list)
 
     @contextmanager
     def stage(self, name: str) -> Iterator[StageReport]:
-        """Time the body; it fills in the counts of the report it is given."""
+        """Measure time and memory of the body.
+
+        Yields:
+            The report of the stage; the body adds its counts.
+        """
         report = StageReport(name)
         begin = time.perf_counter()
         yield report
@@ -45,7 +49,7 @@ class StageClock:
 
 
 def peak_memory_mb() -> float:
-    """Give the largest resident memory that this process has had, in megabytes; 0 where the system cannot tell."""
+    """Return the peak resident memory of this process in megabytes; 0 on systems that do not report it."""
     try:
         import resource
     except ImportError:

@@ -1,4 +1,4 @@
-"""Work ahead of the consumer: the same results in the same order, and errors in their turn."""
+"""Prefetching gives the same results in the same order as map, and errors at their position."""
 
 import threading
 import time
@@ -14,7 +14,7 @@ def test_results_are_those_of_map(count: int) -> None:
     assert list(prefetch_map(lambda item: item * item, range(count))) == [item * item for item in range(count)]
 
 
-def test_work_is_done_beside_the_consumer_one_item_ahead_of_it() -> None:
+def test_work_is_done_in_a_thread_one_item_ahead() -> None:
     done: list[int] = []
     here = threading.get_ident()
 
@@ -31,7 +31,7 @@ def test_work_is_done_beside_the_consumer_one_item_ahead_of_it() -> None:
         assert len(done) == min(number + 2, 5)
 
 
-def test_errors_come_in_their_turn() -> None:
+def test_errors_are_raised_at_their_position() -> None:
     def work(item: int) -> float:
         return 1 / (2 - item)
 
@@ -48,7 +48,7 @@ def test_errors_come_in_their_turn() -> None:
         list(prefetch_map(work, items()))
 
 
-def test_a_consumer_that_stops_leaves_no_thread_behind() -> None:
+def test_closing_the_iterator_ends_the_thread() -> None:
     before = threading.active_count()
     results = prefetch_map(lambda item: item, range(100))
     next(results)

@@ -1,4 +1,4 @@
-"""``asfm convert``: a sequence of any format that is read becomes a native folder."""
+"""Command ``asfm convert``: convert a sequence of any supported format to a native folder."""
 
 from pathlib import Path
 
@@ -14,14 +14,14 @@ from asfm.stages import Progress, no_progress
 def convert_sequence(
     path: Path, output: Path, overwrite: bool = False, progress: Progress = no_progress, bits: Bits | None = None
 ) -> Sequence:
-    """Write a sequence, with its truth if it has one, as a native folder, frame by frame.
+    """Write a sequence, with its ground truth if it has any, as a native folder, frame by frame.
 
     Args:
-        path: folder or file of any format that is read.
-        output: the folder, which appears only when it is whole.
-        overwrite: replace a sequence that is there.
-        progress: told how many frames are written.
-        bits: 8 or 16 a pixel; by default 8 where that loses nothing, else 16.
+        path: folder or file of the sequence, in any supported format.
+        output: the native folder, which appears only when it is complete.
+        overwrite: replace an existing sequence.
+        progress: receives the number of frames written.
+        bits: 8 or 16 per pixel; by default 8 where that is lossless, else 16.
 
     Raises:
         AsfmError: the sequence cannot be read or the folder cannot be written.
@@ -33,15 +33,15 @@ def convert_sequence(
         truth=open_truth(path),
         overwrite=overwrite,
         progress=lambda done, total: progress("convert", done, total),
-        bits=bits or _find_bits(sequence),
+        bits=bits or _choose_bits(sequence),
     )
     return sequence
 
 
-def _find_bits(sequence: Sequence) -> Bits:
-    """Look at the first, the middle and the last frame for values between the 256 steps of 8 bits."""
+def _choose_bits(sequence: Sequence) -> Bits:
+    """Return 16 if the first, middle or last frame has values between the 256 levels of 8 bits, else 8."""
     for index in {0, len(sequence) // 2, len(sequence) - 1}:
-        steps = sequence.read_frame(index).image.astype(np.float64) * 255
-        if np.abs(steps - np.rint(steps)).max() > 1e-3:
+        levels = sequence.read_frame(index).image.astype(np.float64) * 255
+        if np.abs(levels - np.rint(levels)).max() > 1e-3:
             return 16
     return 8

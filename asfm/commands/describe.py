@@ -1,4 +1,4 @@
-"""``asfm info``: what a sequence holds."""
+"""Command ``asfm info``: describe a sequence."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ from asfm.datasets.sequence_summary import Row, summarise_sequence
 
 
 def describe_sequence(path: Path) -> list[Row]:
-    """Describe a sequence of any format that is read as (name, value with unit) rows.
+    """Return (name, value with unit) rows that describe a sequence of any supported format.
 
     Raises:
         AsfmError: the sequence or its first frame cannot be read.

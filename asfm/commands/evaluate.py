@@ -1,4 +1,4 @@
-"""``asfm evaluate``: the quality of a folder of results."""
+"""Command ``asfm evaluate``: compare the results of a run with ground truth."""
 
 from pathlib import Path
 
@@ -8,37 +8,39 @@ from asfm.datasets.tables import read_tum
 from asfm.errors import AsfmError
 from asfm.evaluation.accuracy_bound import add_bound, measure_bound
 from asfm.evaluation.pose_error_table import EvaluationTable, evaluate_sequence, evaluate_trajectory
-from asfm.results.report import read_report
+from asfm.results.evaluation_json import write_evaluation
+from asfm.results.report_json import read_report
+from asfm.results.results_folder import CONFIG, TRACKS, TRAJECTORY
 from asfm.results.tracks_csv import read_tracks
-from asfm.results.writers import write_report
+from asfm.results.trajectory_tum import read_trajectory
 from asfm.sequence import Sequence
 from asfm.types import Trajectory
 
 
 def evaluate_folder(folder: Path, reference: Path | None = None) -> EvaluationTable:
-    """Compare a run's trajectory with the truth, and with what ideal features would reach in a simulated sequence.
+    """Compare a run's trajectory with ground truth and, for a simulated sequence, with the bound of ideal features.
 
-    Writes evaluation.json beside it.
+    Writes evaluation.json into the folder.
 
     Args:
-        folder: what asfm run wrote; its report names the sequence, which knows true poses and odometry.
-        reference: a TUM file of true world_from_vehicle poses that stands in for the sequence's own; then no bound
-            is measured.
+        folder: results folder; its report names the sequence, which has the true poses and the odometry.
+        reference: TUM file of true world_from_vehicle poses that replaces those of the sequence; the bound is then
+            not computed.
 
     Raises:
-        AsfmError: the folder, the sequence or the reference cannot be read, there is nothing to compare with, or
+        AsfmError: the folder, the sequence or the reference cannot be read, there are no true poses, or
             evaluation.json cannot be written.
     """
     source = Path(read_report(folder)["sequence"]["path"])
-    estimate = read_tum(folder / "trajectory.tum")
+    estimate = read_trajectory(folder / TRAJECTORY)
     truth = read_tum(reference) if reference is not None else None
     table = _compare(folder, source, estimate, truth)
-    _replace_report(folder / "evaluation.json", table)
+    write_evaluation(folder, table)
     return table
 
 
 def _compare(folder: Path, source: Path, estimate: Trajectory, truth: Trajectory | None) -> EvaluationTable:
-    """Use all that the sequence knows; where it has gone, a reference is enough."""
+    """Compare with all that the sequence provides; without the sequence, with the reference alone."""
     try:
         sequence = open_sequence(source)
     except AsfmError as error:
@@ -47,29 +49,18 @@ def _compare(folder: Path, source: Path, estimate: Trajectory, truth: Trajectory
         table = evaluate_trajectory(truth, None, estimate)
         return EvaluationTable(table.rows, (*table.notes, f"Without the odometry's row: {error}."))
     table = evaluate_sequence(sequence, estimate, truth)
-    return table if truth is not None else _bound(folder, source, sequence, table)
+    return table if truth is not None else _add_bound(folder, source, sequence, table)
 
 
-def _bound(folder: Path, source: Path, sequence: Sequence, table: EvaluationTable) -> EvaluationTable:
-    """Add the bound where the sequence is simulated, or say what is missing for it."""
+def _add_bound(folder: Path, source: Path, sequence: Sequence, table: EvaluationTable) -> EvaluationTable:
+    """Add the accuracy bound where the sequence is simulated, or a note on what is missing for it."""
     read_truth = open_truth(source)
     if read_truth is None or sequence.groundtruth is None:
         return table
-    path = folder / "tracks.csv"
+    path = folder / TRACKS
     if not path.exists():
-        note = "No bound: the results hold no tracks.csv, which asfm run has not always written; run it again."
+        note = f"No bound: the results hold no {TRACKS}, which older versions did not write; run asfm run again."
         return EvaluationTable(table.rows, (*table.notes, note))
     tracks, observed = read_tracks(path, len(sequence))
-    bound = measure_bound(sequence, read_truth, tracks, observed, load_config(folder / "config.yaml"))
+    bound = measure_bound(sequence, read_truth, tracks, observed, load_config(folder / CONFIG))
     return add_bound(table, bound)
-
-
-def _replace_report(path: Path, table: EvaluationTable) -> None:
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        write_report(partial, table.as_dict())
-        partial.replace(path)
-    except OSError as error:
-        raise AsfmError(f"{path}: cannot write: {error.strerror}") from None
-    finally:
-        partial.unlink(missing_ok=True)

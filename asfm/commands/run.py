@@ -1,4 +1,4 @@
-"""``asfm run``: a sequence goes in, a folder of results comes out."""
+"""Command ``asfm run``: reconstruct a sequence and write a results folder."""
 
 import time
 from contextlib import closing
@@ -10,16 +10,21 @@ from asfm.config_file import dump_config
 from asfm.datasets import open_sequence
 from asfm.datasets.hloc.features_matches import read_hloc
 from asfm.datasets.hloc.image_names import name_images
-from asfm.datasets.tables import read_tum
 from asfm.diagnostics import Diagnostic
 from asfm.errors import AsfmError
 from asfm.evaluation.pose_error_table import EvaluationTable, evaluate_sequence
 from asfm.recorder import NullRecorder, Recorder
-from asfm.results.report import RunSummary, describe_run
-from asfm.results.writers import RESULTS, write_points, write_pose_sigmas, write_report, write_tracks, write_trajectory
+from asfm.results.evaluation_json import write_evaluation
+from asfm.results.points_ply import write_points
+from asfm.results.pose_sigmas_csv import write_pose_sigmas
+from asfm.results.report_json import write_report
+from asfm.results.results_folder import CONFIG, POINTS, POSE_SIGMAS, RECORDING, REPORT, RESULTS, TRACKS, TRAJECTORY
+from asfm.results.run_summary import RunSummary
+from asfm.results.tracks_csv import write_tracks
+from asfm.results.trajectory_tum import read_trajectory, write_trajectory
 from asfm.sequence import Sequence
 from asfm.stages import Progress, no_progress
-from asfm.types import Trajectory
+from asfm.types import Reconstruction
 
 
 def run_sequence(
@@ -29,45 +34,38 @@ def run_sequence(
     recording: bool = True,
     overwrite: bool = False,
     progress: Progress = no_progress,
-    correspondences: tuple[Path, Path] | None = None,
+    external_matches: tuple[Path, Path] | None = None,
 ) -> RunSummary:
-    """Reconstruct a sequence and write all results; the output folder appears only when it is whole.
+    """Reconstruct a sequence and write the results folder, which appears only when it is complete.
 
     Args:
-        path: folder or file of any format that is read.
-        output: gets trajectory.tum, points.ply, tracks.csv, report.json, config.yaml, reconstruction.rrd if it is to be
-            recorded, and evaluation.json if the sequence knows its true poses or hand-tracked points.
-        config: every setting; the defaults without one.
-        recording: make reconstruction.rrd for the viewer.
-        overwrite: replace results that are there.
-        progress: told how far each stage is.
-        correspondences: features.h5 and matches.h5 of hloc, which take the place of asfm's own front-end.
+        path: folder or file of the sequence, in any supported format.
+        output: the results folder; :mod:`asfm.results.results_folder` lists its files.
+        config: all settings; the defaults where it is None.
+        recording: write a recording for the Rerun viewer.
+        overwrite: replace existing results.
+        progress: receives the progress of each stage.
+        external_matches: features.h5 and matches.h5 of hloc, which replace the keypoints and matches of asfm.
 
     Raises:
-        AsfmError: the sequence or the correspondences cannot be read, or the output folder cannot be written.
+        AsfmError: the sequence or the matches cannot be read, or the results folder cannot be written.
     """
     from asfm.pipeline.reconstruction import reconstruct  # loads GTSAM
 
     begin_s = time.perf_counter()
     config = config or Config()
     sequence = open_sequence(path)
-    given = None if correspondences is None else read_hloc(*correspondences, sequence, name_images(path, sequence))
+    given = external_matches and read_hloc(*external_matches, sequence, name_images(path, sequence))
     with atomic_folder(output, RESULTS, overwrite) as folder:
-        with closing(_make_recorder(folder / "reconstruction.rrd", sequence, recording)) as recorder:
+        with closing(_make_recorder(folder / RECORDING, sequence, recording)) as recorder:
             run = reconstruct(sequence, config, recorder, progress, given)
         result = run.reconstruction
-        write_trajectory(folder / "trajectory.tum", result.trajectory)
-        evaluation, remarks = _evaluate(sequence, read_tum(folder / "trajectory.tum"))  # as asfm evaluate will read it
-        write_points(folder / "points.ply", result.landmarks)
-        write_pose_sigmas(folder / "pose_sigmas.csv", result.trajectory.timestamps_s, result.pose_covariance)
-        write_tracks(folder / "tracks.csv", result.tracks, result.observed)
-        (folder / "config.yaml").write_text(dump_config(config), encoding="utf-8")
-        if evaluation is not None:
-            write_report(folder / "evaluation.json", evaluation.as_dict())
+        _write_reconstruction(folder, result, config)
+        evaluation, remarks = _evaluate(folder, sequence)
         diagnostics = tuple(dict.fromkeys((*sequence.diagnostics, *result.diagnostics, *remarks)))
         wall_s = time.perf_counter() - begin_s
         summary = RunSummary(output, path, sequence, result, run.stages, diagnostics, evaluation, wall_s)
-        write_report(folder / "report.json", describe_run(summary, config))
+        write_report(folder / REPORT, summary, config)
     return summary
 
 
@@ -79,11 +77,22 @@ def _make_recorder(path: Path, sequence: Sequence, recording: bool) -> Recorder:
     return RerunRecorder(path, sequence)
 
 
-def _evaluate(sequence: Sequence, estimate: Trajectory) -> tuple[EvaluationTable | None, tuple[Diagnostic, ...]]:
-    """Compare with what the sequence knows, or say why that cannot be: no reason to throw the results away."""
+def _write_reconstruction(folder: Path, result: Reconstruction, config: Config) -> None:
+    write_trajectory(folder / TRAJECTORY, result.trajectory)
+    write_points(folder / POINTS, result.landmarks)
+    write_pose_sigmas(folder / POSE_SIGMAS, result.trajectory.timestamps_s, result.pose_covariance)
+    write_tracks(folder / TRACKS, result.tracks, result.observed)
+    (folder / CONFIG).write_text(dump_config(config), encoding="utf-8")
+
+
+def _evaluate(folder: Path, sequence: Sequence) -> tuple[EvaluationTable | None, tuple[Diagnostic, ...]]:
+    """Compare with the ground truth of the sequence; a failure becomes a diagnostic, so that the results are kept."""
     if sequence.groundtruth is None and sequence.hand_tracks is None:
         return None, ()
     try:
-        return evaluate_sequence(sequence, estimate), ()
+        estimate = read_trajectory(folder / TRAJECTORY)  # rounded as in the file, so that asfm evaluate finds the same
+        evaluation = evaluate_sequence(sequence, estimate)
     except AsfmError as error:
         return None, (Diagnostic("not-evaluated", f"not evaluated: {error}"),)
+    write_evaluation(folder, evaluation)
+    return evaluation, ()

@@ -1,5 +1,6 @@
-"""``asfm simulate``: a scene becomes a sequence with truth."""
+"""Command ``asfm simulate``: simulate a sequence with ground truth and write it as a folder."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from asfm.datasets.native.writer import write_native
@@ -9,57 +10,65 @@ from asfm.sequence import Sequence
 from asfm.stages import Progress, no_progress
 from asfm.types import Trajectory
 
-DEFAULT_SONAR = "oculus_m750d_high"
-DEFAULT_FRAMES = 80
 FORMATS = ("native", "holoocean")
+
+
+@dataclass(frozen=True)
+class SimulationOptions:
+    """Sonar, length, motion and output format of a simulated sequence."""
+
+    sonar: str = "oculus_m750d_high"
+    """Name of a sonar preset, or a HoloOcean scenario (.json)."""
+    frames: int = 80
+    """Number of frames; fewer where a given path ends earlier."""
+    seed: int = 0
+    """Random seed; equal seeds give identical files."""
+    motion: str | None = None
+    """Name of a motion, or a TUM file of world_from_vehicle; the usual motion of the scene where it is None."""
+    format_name: str = "native"
+    """Output format: "native", or "holoocean" (pickles with images and true poses only)."""
 
 
 def simulate_to(
     scene: str,
     output: Path,
-    sonar: str = DEFAULT_SONAR,
-    frames: int = DEFAULT_FRAMES,
-    seed: int = 0,
+    options: SimulationOptions | None = None,
     overwrite: bool = False,
     progress: Progress = no_progress,
-    motion: str | None = None,
-    format_name: str = "native",
 ) -> Sequence:
-    """Simulate a scene and write it as a folder with truth, frame by frame.
+    """Simulate a scene and write it, frame by frame, as a folder with ground truth.
 
     Args:
         scene: name of a scene, or a mesh file.
-        output: the folder, which appears only when it is whole.
-        sonar: name of a sonar, or a HoloOcean scenario (.json).
-        frames: how many; fewer where a given path ends before.
-        seed: the same one gives the same bytes.
-        overwrite: replace a sequence that is there.
-        progress: told how many frames are written.
-        motion: name of a motion, or a TUM file of the vehicle's path; the scene's usual one by default.
-        format_name: "native" holds all that is known; "holoocean", pickles, holds images and true poses only.
+        output: the folder, which appears only when it is complete.
+        options: sonar, length, motion and format; the defaults where it is None.
+        overwrite: replace an existing sequence.
+        progress: receives the number of frames written.
 
     Raises:
-        AsfmError: unknown scene, sonar, motion or format, an impossible number, or the folder cannot be written.
+        AsfmError: the scene, sonar, motion or format is unknown, a number is out of range, or the folder cannot be
+            written.
     """
-    from asfm.simulation.holoocean_writer import write_pickles  # loads what casts rays
+    from asfm.simulation.holoocean_writer import write_pickles  # loads the ray caster
     from asfm.simulation.simulate import simulate
 
-    if format_name not in FORMATS:
-        raise AsfmError(f"unknown format {format_name!r} to write; known: {', '.join(FORMATS)}")
-    simulated = simulate(scene, sonar, frames, seed, _read_motion(motion))
+    options = options or SimulationOptions()
+    if options.format_name not in FORMATS:
+        raise AsfmError(f"unknown format {options.format_name!r} to write; known: {', '.join(FORMATS)}")
+    simulated = simulate(scene, options.sonar, options.frames, options.seed, _read_motion(options.motion))
 
-    def tell(done: int, total: int) -> None:
+    def report(done: int, total: int) -> None:
         progress("simulate", done, total)
 
-    if format_name == "native":
-        write_native(output, simulated.sequence, truth=simulated.read_truth, overwrite=overwrite, progress=tell)
+    if options.format_name == "native":
+        write_native(output, simulated.sequence, truth=simulated.read_truth, overwrite=overwrite, progress=report)
     else:
-        write_pickles(output, simulated, overwrite, tell)
+        write_pickles(output, simulated, overwrite, report)
     return simulated.sequence
 
 
 def _read_motion(motion: str | None) -> str | Trajectory | None:
-    """Read the path where a file is meant; a motion's name has no suffix and is not the name of a file."""
+    """Return the trajectory where ``motion`` is a file; names of motions have no suffix and are not files."""
     from asfm.simulation.vehicle.trajectories import MOTIONS
 
     if motion is None or motion in MOTIONS:

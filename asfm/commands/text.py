@@ -1,13 +1,22 @@
-"""What the commands give, as lines of text for a terminal."""
+"""Results of the commands formatted as lines of text for a terminal."""
 
 from collections.abc import Iterable, Sequence
 
 from asfm.evaluation.pose_error_table import EvaluationTable
-from asfm.results.report import RunSummary
+from asfm.results.results_folder import RECORDING
+from asfm.results.run_summary import RunSummary
 
 
 def align(rows: Iterable[Sequence[str]], numbers: Sequence[int] = ()) -> list[str]:
-    """Align columns, those of numbers to the right; nothing is cut, however narrow the terminal."""
+    """Pad the cells of a table to columns.
+
+    Args:
+        rows: cells, the same number in each row.
+        numbers: indices of the columns that are aligned to the right.
+
+    Returns:
+        One line per row, never truncated to the width of the terminal.
+    """
     rows = list(rows)
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = []
@@ -18,26 +27,26 @@ def align(rows: Iterable[Sequence[str]], numbers: Sequence[int] = ()) -> list[st
 
 
 def describe_results(summary: RunSummary) -> list[str]:
-    """Tell what each stage took and made, how far the run is from the truth, and where the results are."""
-    rows = [("stage", "s", "peak MB", "made")]
+    """Format the cost and counts of each stage, the pose errors, and the path of the results."""
+    rows = [("stage", "s", "peak MB", "counts")]
     for stage in summary.stages:
-        made = ", ".join(f"{count:,g} {name}" for name, count in stage.counts.items())
-        rows.append((stage.name, f"{stage.wall_s:.2f}", f"{stage.peak_memory_mb:.0f}", made))
+        counts = ", ".join(f"{count:,g} {name}" for name, count in stage.counts.items())
+        rows.append((stage.name, f"{stage.wall_s:.2f}", f"{stage.peak_memory_mb:.0f}", counts))
     lines = align(rows, numbers=(1, 2))
     lines.append(f"{len(summary.sequence)} frames of {summary.sequence.name} in {summary.wall_s:.1f} s")
     for row in summary.evaluation.rows if summary.evaluation is not None else ():
         if row.name.startswith("ATE RMSE,"):
-            beside = "" if row.odometry is None else f"; the odometry's {row.odometry:.4f} {row.unit}"
+            odometry = "" if row.odometry is None else f"; odometry {row.odometry:.4f} {row.unit}"
             ratio = "" if row.ratio is None else f", ratio {row.ratio:.2f}"
-            lines.append(f"{row.name}: {row.value:.4f} {row.unit}{beside}{ratio}")
+            lines.append(f"{row.name}: {row.value:.4f} {row.unit}{odometry}{ratio}")
     lines.append(f"results: {summary.folder}")
-    if (summary.folder / "reconstruction.rrd").is_file():
-        lines.append(f"look at them with: asfm view {summary.folder}")
+    if (summary.folder / RECORDING).is_file():
+        lines.append(f"view them with: asfm view {summary.folder}")
     return lines
 
 
 def describe_errors(table: EvaluationTable) -> list[str]:
-    """Set every measure of a run beside the odometry's own, and say what limits the comparison."""
+    """Format every measure of a run next to that of the odometry, and the notes on the comparison."""
     rows = [("measure", "run", "unit", "odometry", "ratio")]
     for row in table.rows:
         digits = 0 if row.unit == "poses" else 4

@@ -1,1 +1,5 @@
 """The reconstruction pipeline: the only code that knows both front-end and back-end."""
+
+from asfm.pipeline.reconstruction import Run, reconstruct
+
+__all__ = ["Run", "reconstruct"]

@@ -1,1 +1,1 @@
-"""The results folder: every file that a run writes, written and read."""
+"""The results folder of a run: one module for each file, with its writer and its reader."""

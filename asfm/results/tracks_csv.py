@@ -1,4 +1,4 @@
-"""tracks.csv among the results of a run: which observations its tracks hold, and which of them it used."""
+"""tracks.csv: the observations of all tracks, and which of them the final graph used."""
 
 from pathlib import Path
 
@@ -6,20 +6,52 @@ import numpy as np
 
 from asfm.datasets.tables import Row, parse_integers, parse_numbers, read_csv
 from asfm.errors import AsfmError
+from asfm.results.output_file import require_finite, write_lines
 from asfm.types import BoolArray, FloatArray, IntArray, Tracks
 
-TRACK_COLUMNS = ("track", "frame", "range_m", "bearing_rad", "sigma_range_m", "sigma_bearing_rad", "used")
+SIGMA_COLUMNS = ("sigma_range_m", "sigma_bearing_rad")
+COLUMNS = ("track", "frame", "range_m", "bearing_rad", *SIGMA_COLUMNS, "used")
+
+
+def write_tracks(path: Path, tracks: Tracks, observed: BoolArray) -> None:
+    """Write one CSV row per observation; numbers read back exactly, ``used`` is 1 or 0.
+
+    The sigma cells are empty where the tracks have no sigmas.
+
+    Args:
+        path: of the table.
+        tracks: (O,) observations.
+        observed: (O,) true for those that entered the final graph.
+
+    Raises:
+        AsfmError: the file cannot be written.
+        ValueError: a number is not finite: a defect of the caller.
+    """
+    numbers = [tracks.range_m, tracks.bearing_rad]
+    numbers += [] if tracks.sigma is None else [tracks.sigma[:, 0], tracks.sigma[:, 1]]
+    require_finite("tracks", *numbers)
+    texts = [[repr(value) for value in column.tolist()] for column in numbers]
+    texts += [] if tracks.sigma is not None else [[""] * len(tracks)] * 2
+    whole = [[str(value) for value in column.tolist()] for column in (tracks.track, tracks.frame, observed.astype(int))]
+    rows = zip(*whole[:2], *texts, whole[2], strict=True)
+    write_lines(path, [",".join(COLUMNS), *map(",".join, rows)])
 
 
 def read_tracks(path: Path, frame_count: int) -> tuple[Tracks, BoolArray]:
-    """Read the tracks of a run on a sequence of so many frames, and which of the (O,) observations it used.
+    """Read the tracks of a run.
 
-    Cells of sigma are empty in every row where the run knew none. A run without tracks leaves the header alone.
+    Args:
+        path: of the table; a run without tracks wrote the header alone.
+        frame_count: number of frames of the sequence.
+
+    Returns:
+        The tracks, without sigmas where all sigma cells are empty, and (O,) true for the observations that the final
+        graph used.
 
     Raises:
-        AsfmError: naming file and line where a cell is no number, or a row is out of order or out of the sequence.
+        AsfmError: a cell is not a number, or a row is out of order or out of the sequence; names file and line.
     """
-    position, rows = read_csv(path, TRACK_COLUMNS, may_be_empty=True)
+    position, rows = read_csv(path, COLUMNS, may_be_empty=True)
     track = parse_integers(path, rows, position["track"], "track")
     frame = parse_integers(path, rows, position["frame"], "frame")
     used = parse_integers(path, rows, position["used"], "used")
@@ -39,9 +71,9 @@ def read_tracks(path: Path, frame_count: int) -> tuple[Tracks, BoolArray]:
 
 
 def _check_order(path: Path, rows: list[Row], track: IntArray, frame: IntArray) -> None:
-    """Tracks count 0, 1, 2 ... without a gap; within a track the frames rise."""
-    jump = np.diff(track, prepend=-1)
-    wrong = (jump < 0) | (jump > 1) | ((jump == 0) & (np.diff(frame, prepend=-1) <= 0))
+    """Check that tracks count 0, 1, 2 ... without a gap, and that frames rise within a track."""
+    step = np.diff(track, prepend=-1)
+    wrong = (step < 0) | (step > 1) | ((step == 0) & (np.diff(frame, prepend=-1) <= 0))
     for index in np.flatnonzero(wrong)[:1]:
         before = "the header" if index == 0 else f"track {track[index - 1]}, frame {frame[index - 1]}"
         raise AsfmError(
@@ -51,11 +83,11 @@ def _check_order(path: Path, rows: list[Row], track: IntArray, frame: IntArray) 
 
 
 def _read_sigma(path: Path, rows: list[Row], position: dict[str, int]) -> FloatArray | None:
-    names = ("sigma_range_m", "sigma_bearing_rad")
-    if not any(cells[position[name]] for _, cells in rows for name in names):
+    """Return the (O, 2) sigmas of range (m) and bearing (rad), or None where all cells are empty."""
+    if not any(cells[position[name]] for _, cells in rows for name in SIGMA_COLUMNS):
         return None
-    sigma = np.stack([parse_numbers(path, rows, position[name], name) for name in names], axis=1)
+    sigma = np.stack([parse_numbers(path, rows, position[name], name) for name in SIGMA_COLUMNS], axis=1)
     for index, axis in np.argwhere(sigma <= 0)[:1]:
         found = sigma[index, axis]
-        raise AsfmError(f"{path}, line {rows[index][0]}: expected a {names[axis]} above 0, found {found}")
+        raise AsfmError(f"{path}, line {rows[index][0]}: expected a {SIGMA_COLUMNS[axis]} above 0, found {found}")
     return sigma

@@ -1,1 +1,1 @@
-"""Visualization in Rerun: the only folder that imports it."""
+"""Visualization of a run in Rerun: the only package that imports it."""

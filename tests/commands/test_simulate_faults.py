@@ -1,4 +1,4 @@
-"""``asfm simulate`` asked for the impossible: one line, exit code 2, and nothing left behind."""
+"""``asfm simulate`` with invalid input: a one-line error, exit code 2, and no files left."""
 
 import json
 import re
@@ -18,7 +18,7 @@ SMALL = {"RangeMax": 8, "RangeMin": 0.5, "RangeBins": 60, "AzimuthBins": 32, "Az
 
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A working directory with a ball of 2 m radius and a small sonar."""
+    """Return a working directory with a ball of 2 m radius and a small sonar."""
     monkeypatch.chdir(tmp_path)
     trimesh.creation.icosphere(subdivisions=2, radius=2.0).export(tmp_path / "ball.ply")
     sonar = {"sensor_type": "ImagingSonar", "configuration": SMALL}
@@ -28,7 +28,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def ask(place: Path, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str]]:
-    """Run ``asfm simulate`` into the folder ``out``; gives the exit code and what it complained of."""
+    """Return a function that runs ``asfm simulate`` into a folder and returns exit code and stderr."""
 
     def run(scene: str, *options: str, output: str = "out") -> tuple[int, str]:
         small = () if "--sonar" in options else ("--sonar", "small.json")
@@ -89,7 +89,7 @@ FAULTS: list[tuple[str, tuple[str, ...], str | None, str]] = [
 
 
 @pytest.mark.parametrize(("scene", "options", "content", "message"), FAULTS)
-def test_fault_is_one_line_and_leaves_nothing(
+def test_invalid_input_is_a_one_line_error_and_leaves_no_files(
     place: Path,
     ask: Callable[..., tuple[int, str]],
     scene: str,
@@ -108,7 +108,7 @@ def test_fault_is_one_line_and_leaves_nothing(
     assert sorted(place.iterdir()) == before
 
 
-def test_what_stands_in_the_way_stays(place: Path, ask: Callable[..., tuple[int, str]]) -> None:
+def test_existing_files_are_not_touched(place: Path, ask: Callable[..., tuple[int, str]]) -> None:
     (place / "file").write_text("mine")
     (place / "full").mkdir()
     (place / "full" / "notes.txt").write_text("mine")
@@ -120,7 +120,7 @@ def test_what_stands_in_the_way_stays(place: Path, ask: Callable[..., tuple[int,
     assert not list(place.glob("*partial*"))
 
 
-def test_path_shorter_than_the_frames_is_told_of(place: Path, ask: Callable[..., tuple[int, str]]) -> None:
+def test_path_shorter_than_the_frames_is_a_warning(place: Path, ask: Callable[..., tuple[int, str]]) -> None:
     (place / "one.tum").write_text(f"3.5 -5 0 0 {LEVEL}\n")
     code, said = ask("ball.ply", "--frames", "4", "--motion", "one.tum")
     assert code == 0 and "warning: the path ends after 1 of 4 frames at 5 Hz" in said
@@ -128,27 +128,31 @@ def test_path_shorter_than_the_frames_is_told_of(place: Path, ask: Callable[...,
     assert len(sequence) == 1 and sequence.timestamps_s[0] == pytest.approx(3.5)
 
 
-def test_nothing_in_view_is_an_empty_but_valid_sequence(place: Path, ask: Callable[..., tuple[int, str]]) -> None:
+def test_empty_view_gives_a_valid_sequence(place: Path, ask: Callable[..., tuple[int, str]]) -> None:
     (place / "away.tum").write_text("0 -5 0 0 0 0 1 0\n1 -5 1 0 0 0 1 0\n")
     code, said = ask("ball.ply", "--frames", "2", "--motion", "away.tum")
-    assert code == 0 and "warning: 2 of 2 frames see nothing of ball within 8.0 m; it is 4 m across" in said
+    assert (
+        code == 0
+        and "warning: 2 of 2 frames see nothing of ball within 8.0 m; it is 4 m across" in said
+        and "[empty-frames]" in said
+    )
     sequence = open_sequence(place / "out")
     assert len(sequence) == 2 and max(frame.image.max() for frame in sequence) == 0  # HoloOcean's sonar: no noise
 
 
 @pytest.mark.filterwarnings("error")
-def test_looking_straight_down_is_no_reason_to_warn(place: Path, ask: Callable[..., tuple[int, str]]) -> None:
+def test_looking_straight_down_gives_no_warning(place: Path, ask: Callable[..., tuple[int, str]]) -> None:
     (place / "down.tum").write_text("0 0 0 5 0 0.70710678 0 0.70710678\n1 0.2 0 5 0 0.70710678 0 0.70710678\n")
     code, said = ask("ball.ply", "--frames", "2", "--motion", "down.tum")
     assert code == 0 and "warning" not in said.lower()
     assert open_sequence(place / "out").navigation is not None
 
 
-def test_pickles_tell_what_the_native_folder_tells(place: Path, ask: Callable[..., tuple[int, str]]) -> None:
-    told = []
+def test_both_formats_have_the_same_description(place: Path, ask: Callable[..., tuple[int, str]]) -> None:
+    descriptions = []
     for output, name in (("native", "native"), ("pickled", "holoocean")):
         assert ask("ball.ply", "--frames", "3", "--format", name, output=output)[0] == 0
-        told.append(dict(describe_sequence(place / output)))
-    native, pickled = told
+        descriptions.append(dict(describe_sequence(place / output)))
+    native, pickled = descriptions
     same = [key for key in native if key in pickled and native[key] == pickled[key]]
     assert {"frames", "range", "bearing"} <= {key.split()[0].rstrip(":") for key in same}, (native, pickled)

@@ -8,7 +8,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from asfm.commands import simulate_to
+from asfm.commands import SimulationOptions, simulate_to
 from asfm.config import Config
 from asfm.datasets import open_sequence, open_truth
 from asfm.types import Matches
@@ -22,7 +22,7 @@ def tools(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="module")
 def tank(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("data") / "tank"
-    simulate_to("tank", folder, sonar="holoocean", frames=4)
+    simulate_to("tank", folder, SimulationOptions(sonar="holoocean", frames=4))
     return folder
 
 

@@ -7,7 +7,7 @@ from types import ModuleType
 
 import pytest
 
-from asfm.commands import simulate_to
+from asfm.commands import SimulationOptions, simulate_to
 
 TOOLS = Path(__file__).resolve().parents[2] / "tools"
 
@@ -54,7 +54,7 @@ def test_stages_agree_with_their_peers(benchmark: ModuleType, capsys: pytest.Cap
 def test_a_run_is_measured_in_a_child(
     benchmark: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    simulate_to("tank", tmp_path / "tank", sonar="holoocean", frames=3)
+    simulate_to("tank", tmp_path / "tank", SimulationOptions(sonar="holoocean", frames=3))
     assert benchmark.main(["run", str(tmp_path / "tank"), "--set", "backend.rounds=1"]) == 0
     lines = capsys.readouterr().out.splitlines()
     shown = {line.split("  ")[0]: line.split() for line in lines}

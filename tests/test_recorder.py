@@ -1,4 +1,4 @@
-"""The recorder of a run that nobody watches."""
+"""The recorder that discards everything."""
 
 import subprocess
 import sys
@@ -13,7 +13,7 @@ from asfm.types import Frame, Keypoints, Landmarks, Matches, Reconstruction, Tra
 SONAR = SonarModel.evenly_spaced("toy sonar", (0.5, 8.0), (-0.6, 0.5), (15, 11), 0.2)
 
 
-def _nothing() -> tuple[Frame, Keypoints, Sequence, Reconstruction]:
+def make_empty_run() -> tuple[Frame, Keypoints, Sequence, Reconstruction]:
     none, few = np.zeros(0, int), np.zeros(0)
     frame = Frame(0, 0.0, np.zeros(SONAR.shape, np.float32), np.zeros(SONAR.shape, bool))
     keypoints = Keypoints(np.zeros((0, 2)), few, few, few, np.zeros((0, 61), np.uint8), np.zeros((0, 3, 3), np.float32))
@@ -28,9 +28,9 @@ def _nothing() -> tuple[Frame, Keypoints, Sequence, Reconstruction]:
     )
 
 
-def test_null_recorder_takes_everything_and_does_nothing() -> None:
+def test_null_recorder_accepts_every_call() -> None:
     recorder: Recorder = NullRecorder()
-    frame, keypoints, sequence, reconstruction = _nothing()
+    frame, keypoints, sequence, reconstruction = make_empty_run()
     recorder.record_frame(frame, frame.invalid, keypoints)
     recorder.record_matches(keypoints, keypoints, Matches(0, 1, np.zeros((0, 2), int), np.zeros(0)))
     recorder.record_reconstruction(sequence=sequence, reconstruction=reconstruction)

@@ -1,4 +1,4 @@
-"""The configuration: what is written is read back, and every fault is one line that names the key."""
+"""Configuration files: they read back the same, and every error is one line that names the key."""
 
 from pathlib import Path
 
@@ -33,7 +33,7 @@ def test_defaults_need_no_file() -> None:
 
 
 @pytest.mark.parametrize("text", ["", "# all left out\n", "cfar:\n", "cfar: {}\n", "seed: 0\n"])
-def test_what_is_left_out_keeps_its_default(tmp_path: Path, text: str) -> None:
+def test_missing_keys_keep_their_defaults(tmp_path: Path, text: str) -> None:
     assert load_config(write(tmp_path, text)) == Config()
 
 
@@ -44,7 +44,7 @@ def test_what_is_left_out_keeps_its_default(tmp_path: Path, text: str) -> None:
     wider=st.tuples(st.integers(1, 20), st.integers(1, 20)),
     use_odometry=st.booleans(),
 )
-def test_dump_is_read_back_the_same(
+def test_dump_reads_back_the_same(
     tmp_path_factory: pytest.TempPathFactory,
     seed: int,
     probability: float,
@@ -90,7 +90,7 @@ def test_renamed_keys_are_accepted_and_written_with_their_new_name(tmp_path: Pat
     assert key not in dump_config(renamed)
 
 
-def test_override_wins_over_file_and_file_over_default(tmp_path: Path) -> None:
+def test_override_precedes_file_and_file_precedes_default(tmp_path: Path) -> None:
     path = write(tmp_path, "seed: 3\nmatching:\n  max_gap: 5\n  ratio: 0.7\n")
     config = load_config(path, ("matching.max_gap=2", "clusters.radius_px=1e0"))
     assert (config.seed, config.matching.max_gap, config.matching.ratio) == (3, 2, 0.7)
@@ -98,7 +98,7 @@ def test_override_wins_over_file_and_file_over_default(tmp_path: Path) -> None:
     assert config.ssl == Config().ssl
 
 
-def test_overrides_hold_numbers_lists_booleans_and_exponents() -> None:
+def test_overrides_are_yaml_values() -> None:
     config = load_config(
         None,
         ("cfar.guard_px=[1, 2]", "backend.use_odometry=false", "cfar.false_alarm_probability=1e-3", "seed = 7"),
@@ -109,7 +109,7 @@ def test_overrides_hold_numbers_lists_booleans_and_exponents() -> None:
     assert config.seed == 7
 
 
-def test_a_window_may_lie_along_the_ranges_alone() -> None:
+def test_window_along_ranges_only_is_valid() -> None:
     config = load_config(None, ("cfar.guard_px=[4, 0]", "cfar.reference_px=[16, 0]"))
     assert config.cfar.reference_px == (16, 0)
 
@@ -118,14 +118,14 @@ def test_override_of_an_empty_section_of_the_file(tmp_path: Path) -> None:
     assert load_config(write(tmp_path, "ssl:\n"), ("ssl.radius_px=3",)).ssl.radius_px == 3
 
 
-def test_unknown_key_of_a_section_is_named_with_its_neighbours(tmp_path: Path) -> None:
+def test_unknown_key_error_lists_the_keys_of_the_section(tmp_path: Path) -> None:
     message = message_of(write(tmp_path, "matching:\n  max_gaps: 3\n"))
     assert "settings.yaml" in message
     assert "matching.max_gaps" in message
     assert "max_gap, planar_tolerance, ratio" in message
 
 
-def test_unknown_section_is_named_with_the_known_ones() -> None:
+def test_unknown_section_error_lists_the_sections() -> None:
     message = message_of(None, "matcher.max_gap=3")
     assert "'matcher'" in message
     assert "matching" in message
@@ -150,55 +150,55 @@ def test_unknown_section_is_named_with_the_known_ones() -> None:
         ("cfar.reference_px=[4, 4]", ("cfar", "reference_px", "[4, 4]")),
     ],
 )
-def test_wrong_value_is_named_with_what_was_found(override: str, words: tuple[str, ...]) -> None:
+def test_invalid_value_error_names_key_and_value(override: str, words: tuple[str, ...]) -> None:
     message = message_of(None, override)
     for word in words:
         assert word in message
 
 
 @pytest.mark.parametrize("override", ["seed", "=3", " =3", ""])
-def test_override_without_key_or_value_says_the_form(override: str) -> None:
+def test_malformed_override_error_states_the_form(override: str) -> None:
     assert "section.key=value" in message_of(None, override)
 
 
 @pytest.mark.parametrize(
     "value", ["[", "*x", "2001-99-99", "!!python/object:os.system {}", "9" * 5000, "[" * 5000, "!!int x"]
 )
-def test_unreadable_override_is_one_line(value: str) -> None:
+def test_override_that_is_not_yaml_is_a_one_line_error(value: str) -> None:
     assert "seed" in message_of(None, f"seed={value}")
 
 
-def test_override_below_a_value_names_the_value() -> None:
+def test_override_below_a_value_is_an_error() -> None:
     assert "'matching.ratio'" in message_of(None, "matching.ratio.low=1")
     assert "ratio is a value" in message_of(None, "matching.ratio=1", "matching.ratio.low=1")
 
 
 @pytest.mark.parametrize("text", ["seed: [", "\tseed: 1", "a: 2001-99-99", "[" * 5000, "? [1]\n: 2\n", "\x00"])
-def test_unreadable_yaml_names_the_file(tmp_path: Path, text: str) -> None:
+def test_malformed_yaml_error_names_the_file(tmp_path: Path, text: str) -> None:
     assert "settings.yaml" in message_of(write(tmp_path, text))
 
 
 @pytest.mark.parametrize("text", ["- seed\n", "seed\n", "3\n"])
-def test_yaml_without_sections_says_what_it_is(tmp_path: Path, text: str) -> None:
+def test_yaml_without_sections_is_an_error(tmp_path: Path, text: str) -> None:
     message = message_of(write(tmp_path, text))
     assert "settings.yaml" in message
     assert "expected sections" in message
 
 
-def test_keys_that_are_no_text_are_an_error(tmp_path: Path) -> None:
+def test_keys_that_are_not_text_are_an_error(tmp_path: Path) -> None:
     assert "settings.yaml" in message_of(write(tmp_path, "1: 2\n"))
 
 
-def test_missing_file_is_named(tmp_path: Path) -> None:
+def test_missing_file_error_names_the_file(tmp_path: Path) -> None:
     assert "nowhere.yaml" in message_of(tmp_path / "nowhere.yaml")
 
 
-def test_folder_and_bytes_in_place_of_the_file(tmp_path: Path) -> None:
+def test_folder_or_binary_file_is_an_error(tmp_path: Path) -> None:
     assert str(tmp_path) in message_of(tmp_path)
     (tmp_path / "image.yaml").write_bytes(b"\xff\xfe\x00seed")
     assert "image.yaml" in message_of(tmp_path / "image.yaml")
 
 
-def test_configuration_cannot_be_changed_afterwards() -> None:
+def test_configuration_is_frozen() -> None:
     with pytest.raises(ValueError, match="frozen"):
         Config().seed = 3

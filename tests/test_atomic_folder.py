@@ -1,4 +1,4 @@
-"""A folder appears whole or not at all, and nothing of a stranger's is ever lost."""
+"""Output folders appear complete or not at all, and files of others are never deleted."""
 
 import errno
 import os
@@ -32,7 +32,7 @@ def _snapshot(root: Path) -> dict[str, str]:
     return {str(file.relative_to(root)): file.read_text() for file in root.rglob("*") if file.is_file()}
 
 
-def test_results_appear_only_when_whole(tmp_path: Path) -> None:
+def test_folder_appears_only_when_complete(tmp_path: Path) -> None:
     out = tmp_path / "deep" / "out"
     with open_folder(out, overwrite=False) as folder:
         assert folder.parent == out.parent and folder.name.endswith(".partial")
@@ -46,7 +46,7 @@ def test_results_appear_only_when_whole(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("fault", [RuntimeError, KeyboardInterrupt, SystemExit, AsfmError])
 @pytest.mark.parametrize("existing", [False, True])
-def test_a_fault_in_the_middle_leaves_all_as_it_was(tmp_path: Path, fault: type[BaseException], existing: bool) -> None:
+def test_exception_in_the_body_changes_nothing(tmp_path: Path, fault: type[BaseException], existing: bool) -> None:
     out = tmp_path / "out"
     if existing:
         out.mkdir()
@@ -59,7 +59,7 @@ def test_a_fault_in_the_middle_leaves_all_as_it_was(tmp_path: Path, fault: type[
     assert [path.name for path in tmp_path.iterdir()] == (["out"] if existing else [])
 
 
-def test_overwriting_replaces_and_leaves_nothing_behind(tmp_path: Path) -> None:
+def test_overwriting_leaves_no_other_files(tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir()
     _fill(out, "old")
@@ -74,7 +74,7 @@ def test_overwriting_replaces_and_leaves_nothing_behind(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
-def test_an_empty_folder_is_filled(tmp_path: Path) -> None:
+def test_empty_folder_is_replaced(tmp_path: Path) -> None:
     with open_folder(tmp_path / "out", overwrite=False) as folder:
         _fill(folder, "new")
     assert (tmp_path / "out" / "config.yaml").read_text() == "new"
@@ -89,7 +89,7 @@ def test_an_empty_folder_is_filled(tmp_path: Path) -> None:
         ["report.json", "config.yaml", "a/b"],
     ],
 )
-def test_a_stranger_s_folder_is_refused(tmp_path: Path, names: list[str]) -> None:
+def test_folder_with_foreign_files_is_refused(tmp_path: Path, names: list[str]) -> None:
     out = tmp_path / "out"
     out.mkdir()
     for name in names:
@@ -101,7 +101,7 @@ def test_a_stranger_s_folder_is_refused(tmp_path: Path, names: list[str]) -> Non
     assert _snapshot(tmp_path) == before
 
 
-def test_a_file_and_the_working_directory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_file_and_working_directory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").write_text("precious")
     with pytest.raises(AsfmError, match="found a file"), open_folder(tmp_path / "file", overwrite=True):
         pass
@@ -110,9 +110,9 @@ def test_a_file_and_the_working_directory_are_refused(tmp_path: Path, monkeypatc
         pass
 
 
-def test_a_stranger_that_arrives_during_the_run_survives_and_so_do_the_results(tmp_path: Path) -> None:
+def test_foreign_file_created_meanwhile_and_the_output_both_survive(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    with pytest.raises(AsfmError, match="what was made is whole in"), open_folder(out, overwrite=True) as folder:
+    with pytest.raises(AsfmError, match="the complete output is in"), open_folder(out, overwrite=True) as folder:
         _fill(folder, "new")
         out.mkdir()
         (out / "notes.txt").write_text("precious")
@@ -120,7 +120,7 @@ def test_a_stranger_that_arrives_during_the_run_survives_and_so_do_the_results(t
     assert (folder / "config.yaml").read_text() == "new"
 
 
-def test_old_results_come_back_when_the_last_rename_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_old_folder_is_restored_when_the_last_rename_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = tmp_path / "out"
     out.mkdir()
     _fill(out, "old")
@@ -132,12 +132,12 @@ def test_old_results_come_back_when_the_last_rename_fails(tmp_path: Path, monkey
         return rename(self, target)
 
     monkeypatch.setattr(Path, "rename", refuse)
-    with pytest.raises(AsfmError, match="whole in"), open_folder(out, overwrite=True) as folder:
+    with pytest.raises(AsfmError, match="the complete output is in"), open_folder(out, overwrite=True) as folder:
         _fill(folder, "new")
     assert (out / "config.yaml").read_text() == "old" and (folder / "config.yaml").read_text() == "new"
 
 
-def test_a_link_to_a_folder_stays_a_link(tmp_path: Path) -> None:
+def test_symbolic_link_is_kept(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to(tmp_path / "real")
     with open_folder(tmp_path / "link", overwrite=False) as folder:
         _fill(folder, "new")
@@ -146,9 +146,7 @@ def test_a_link_to_a_folder_stays_a_link(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(os.name != "posix", reason="sends POSIX signals")
 @pytest.mark.parametrize(("sent", "left_behind"), [(signal.SIGINT, 0), (signal.SIGKILL, 1)])
-def test_a_process_stopped_in_the_middle_leaves_no_results(
-    tmp_path: Path, sent: signal.Signals, left_behind: int
-) -> None:
+def test_stopped_process_leaves_no_output(tmp_path: Path, sent: signal.Signals, left_behind: int) -> None:
     out = tmp_path / "out"
     code = (
         "import sys, time, pathlib; from asfm.atomic_folder import *\n"
@@ -169,7 +167,7 @@ def test_a_process_stopped_in_the_middle_leaves_no_results(
     assert len(list(tmp_path.glob("out.*.partial"))) == left_behind == len(list(tmp_path.iterdir()))
 
 
-def test_an_unwritable_place_is_one_line(tmp_path: Path) -> None:
+def test_unwritable_parent_is_a_one_line_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(AsfmError, match=r"^[^\n]*cannot make a folder[^\n]*$"), open_folder(tmp_path / "file" / "out"):
         pytest.fail("the body must not run")
@@ -178,7 +176,7 @@ def test_an_unwritable_place_is_one_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("overwrite", [False, True])
-def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path, overwrite: bool) -> None:
+def test_full_disk_is_a_one_line_error_and_leaves_nothing(tmp_path: Path, overwrite: bool) -> None:
     with pytest.raises(AsfmError, match="out: cannot write: No space left on device"), open_folder(tmp_path / "out"):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     with pytest.raises(AsfmError, match="out: cannot write: Is a directory"), open_folder(tmp_path / "out") as folder:
@@ -186,7 +184,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path, overwrite: b
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_is_not_about_the_folder_passes_through(tmp_path: Path) -> None:
+def test_errors_unrelated_to_the_folder_are_passed_on(tmp_path: Path) -> None:
     for error in (BrokenPipeError(errno.EPIPE, "pipe"), FileNotFoundError(errno.ENOENT, "none", "elsewhere")):
         with pytest.raises(type(error)), open_folder(tmp_path / "out"):
             raise error

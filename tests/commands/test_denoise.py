@@ -1,4 +1,4 @@
-"""asfm denoise: the table over simulated frames and over sequences with truth, its files, and its refusals."""
+"""``asfm denoise``: tables over simulated frames and over sequences with truth, their files, and errors."""
 
 import csv
 import json
@@ -12,7 +12,7 @@ import pytest
 import trimesh
 
 from asfm.cli import run_command_line
-from asfm.commands import denoise_sources, simulate_to
+from asfm.commands import DenoiseSources, SimulationOptions, denoise_sources, simulate_to
 from asfm.errors import AsfmError
 from asfm.evaluation.denoising.methods import DENOISERS, MASK, OURS, RAW, WAVELET
 
@@ -33,7 +33,7 @@ def sonar(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """A box as a mesh file: quicker than a scene by name."""
+    """Return a box as a mesh file, which renders faster than the named scenes."""
     path = tmp_path_factory.mktemp("scene") / "box.obj"
     trimesh.creation.box((1.0, 2.0, 0.6)).export(path)
     return str(path)
@@ -52,7 +52,7 @@ def ask(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
 
 
 def refuse(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
-    """Run a command line that must fail with one line; gives the line."""
+    """Run a command line that must fail with one line; returns the line."""
     capsys.readouterr()
     assert run_command_line(["denoise", *map(str, arguments)]) == 2
     said = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("denoise: ")]
@@ -60,23 +60,23 @@ def refuse(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
     return said[0]
 
 
-def test_margins_of_the_paper_are_reached() -> None:
-    """5.57 dB over raw and 1.90 dB over the wavelet, on seeds that nothing was tuned on; the support gains too."""
-    table = denoise_sources(scenes=["pier", "tank"], sonars=["aris_3000"], seed=900)
+def test_psnr_margins_of_the_paper_are_reached() -> None:
+    """5.57 dB over raw and 1.90 dB over the wavelet on seeds not used for tuning; the support gains too."""
+    table = denoise_sources(DenoiseSources(scenes=["pier", "tank"], sonars=["aris_3000"], seed=900))
     raw, wavelet, ours = (table.average(method) for method in (RAW, WAVELET, OURS))
     assert ours.psnr_db > raw.psnr_db + 5.57 and ours.psnr_db > wavelet.psnr_db + 1.90
     assert ours.support_psnr_db is not None and raw.support_psnr_db is not None
     assert ours.support_psnr_db > raw.support_psnr_db + 3 and ours.ssim > 0.6
-    assert table.average(MASK).support_psnr_db < raw.support_psnr_db, "else its losses need no words"  # type: ignore[operator]
+    assert table.average(MASK).support_psnr_db < raw.support_psnr_db, "the listed losses would be wrong"  # type: ignore[operator]
 
 
-def test_a_sonar_without_noise_loses_little(tmp_path: Path) -> None:
+def test_image_without_noise_loses_little(tmp_path: Path) -> None:
     quiet = write_sonar(tmp_path / "quiet.json", AddSigma=0.0, MultSigma=0.0)
-    table = denoise_sources(scenes=["hull"], sonars=[quiet])
+    table = denoise_sources(DenoiseSources(scenes=["hull"], sonars=[quiet]))
     assert table.average(OURS).psnr_db > table.average(RAW).psnr_db - 1
 
 
-def test_simulated_frames_make_a_table_and_its_files(tmp_path: Path, capsys: Any, sonar: str) -> None:
+def test_simulated_frames_give_a_table_and_its_files(tmp_path: Path, capsys: Any, sonar: str) -> None:
     folder = tmp_path / "table"
     options = ("--scene", "pier", "--scene", "tank", "--sonar", sonar, "--output", folder)
     said = ask(capsys, *options)
@@ -97,32 +97,30 @@ def test_simulated_frames_make_a_table_and_its_files(tmp_path: Path, capsys: Any
 
 
 def test_sequences_with_truth_are_compared(tmp_path: Path, capsys: Any, sonar: str, scene: str) -> None:
-    simulate_to(scene, tmp_path / "scene", sonar, frames=3, seed=1)
+    simulate_to(scene, tmp_path / "scene", SimulationOptions(sonar, frames=3, seed=1))
     said = ask(capsys, tmp_path / "scene", "--frames", 2)
     assert "mean over 2 frames" in said and "by scene" not in said
-    table = denoise_sources([tmp_path / "scene"], frames=99)
+    table = denoise_sources(DenoiseSources([tmp_path / "scene"], frames=99))
     assert [row.frame for row in table.rows[:: len(DENOISERS)]] == [0, 1, 2]
 
 
-def test_a_seed_that_cannot_be_simulated_costs_its_frame_only(
-    sonar: str, scene: str, capsys: Any, monkeypatch: Any
-) -> None:
+def test_seed_that_cannot_be_simulated_is_skipped(sonar: str, scene: str, capsys: Any, monkeypatch: Any) -> None:
     from asfm.simulation import simulate as module
 
     simulate = module.simulate
 
-    def stumble(name: str, sonar: str, frames: int, seed: int) -> module.SimulatedSequence:
+    def fail_at_seed_5(name: str, sonar: str, frames: int, seed: int) -> module.SimulatedSequence:
         if seed == 5:
             raise AsfmError("the sonar is inside an object")
         return simulate(name, sonar, frames, seed)
 
-    monkeypatch.setattr(module, "simulate", stumble)
+    monkeypatch.setattr(module, "simulate", fail_at_seed_5)
     said = ask(capsys, "--scene", scene, "--sonar", sonar, "--seed", 5, "--frames", 2)
     assert "mean over 1 frame\n" in said and "of seed 5: the sonar is inside an object" in said
     assert "inside an object" in refuse(capsys, "--scene", scene, "--sonar", sonar, "--seed", 5)
 
 
-def test_settings_reach_the_mask(sonar: str, scene: str, capsys: Any) -> None:
+def test_settings_change_the_mask(sonar: str, scene: str, capsys: Any) -> None:
     plain, wide = (
         ask(capsys, "--scene", scene, "--sonar", sonar, "--set", f"keypoints.margin_px={margin}") for margin in (0, 9)
     )
@@ -134,17 +132,17 @@ def find_psnr(said: str, method: str) -> str:
     return line.removeprefix(method).split()[0]
 
 
-def test_what_cannot_be_compared_is_one_line(tmp_path: Path, capsys: Any, sonar: str, scene: str) -> None:
+def test_unusable_input_is_a_one_line_error(tmp_path: Path, capsys: Any, sonar: str, scene: str) -> None:
     assert "unknown scene 'moon'" in refuse(capsys, "--scene", "moon")
     assert "unknown sonar preset 'ear'" in refuse(capsys, "--sonar", "ear")
     assert "at least one frame" in refuse(capsys, "--frames", 0)
     assert "seed of zero or more" in refuse(capsys, "--seed", -1)
     assert "found both" in refuse(capsys, tmp_path, "--scene", "pier")
     assert str(tmp_path / "nothing") in refuse(capsys, tmp_path / "nothing")
-    simulate_to(scene, tmp_path / "scene", sonar, frames=1)
+    simulate_to(scene, tmp_path / "scene", SimulationOptions(sonar, frames=1))
     rmtree(tmp_path / "scene" / "truth")
     assert "found no truth folder" in refuse(capsys, tmp_path / "scene")
     small = write_sonar(tmp_path / "small.json", RangeBins=60, AzimuthBins=8)
     output = tmp_path / "out"
     assert "at least 11 x 11 pixels" in refuse(capsys, "--scene", scene, "--sonar", small, "--output", output)
-    assert not output.exists(), "a half-made folder was left"
+    assert not output.exists(), "an incomplete folder was left"

@@ -1,45 +1,32 @@
-"""report.json: what a run read, made and took, and with which versions."""
+"""report.json: input, counts, diagnostics, wall time and memory of each stage, and versions of a run."""
 
 import json
 import platform
-from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from asfm.config import Config
-from asfm.diagnostics import Diagnostic
 from asfm.errors import AsfmError
-from asfm.evaluation.pose_error_table import EvaluationTable
-from asfm.sequence import Sequence
-from asfm.stages import StageReport
-from asfm.types import Reconstruction
+from asfm.results.json_file import write_json
+from asfm.results.results_folder import REPORT
+from asfm.results.run_summary import RunSummary
 
 DISTRIBUTIONS = ("asfm", "gtsam", "numpy", "opencv-python-headless", "scipy", "scikit-learn", "rerun-sdk")
-"""Those whose version can change a result."""
+"""The packages whose version can change a result."""
 
 
-@dataclass(frozen=True)
-class RunSummary:
-    """What a run made and what it took."""
+def write_report(path: Path, summary: RunSummary, config: Config) -> None:
+    """Write the report of a run.
 
-    folder: Path
-    """Where the results are."""
-    source: Path
-    """Where the sequence is."""
-    sequence: Sequence
-    reconstruction: Reconstruction
-    stages: tuple[StageReport, ...]
-    diagnostics: tuple[Diagnostic, ...]
-    """The sequence's and the reconstruction's."""
-    evaluation: EvaluationTable | None
-    """None where the sequence knows nothing to compare with."""
-    wall_s: float
-    """From opening the sequence until its results were written, but for the report."""
+    Raises:
+        AsfmError: the file cannot be written.
+    """
+    write_json(path, build_report(summary, config))
 
 
-def describe_run(summary: RunSummary, config: Config) -> dict[str, Any]:
-    """Turn a summary into what report.json holds; the sequence's path is absolute."""
+def build_report(summary: RunSummary, config: Config) -> dict[str, Any]:
+    """Return the content of report.json; the path of the sequence is absolute."""
     landmarks = summary.reconstruction.landmarks
     return {
         "sequence": {
@@ -65,16 +52,16 @@ def describe_run(summary: RunSummary, config: Config) -> dict[str, Any]:
 
 
 def read_report(folder: Path) -> dict[str, Any]:
-    """Read the report of a folder of results.
+    """Read the report of a results folder; it names at least the path of the sequence.
 
     Raises:
-        AsfmError: there is none, or it is not one that asfm wrote.
+        AsfmError: there is no report, or it was not written by asfm run.
     """
-    path = folder / "report.json"
+    path = folder / REPORT
     try:
         report = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise AsfmError(f"{folder}: expected a folder that asfm run wrote, found no report.json in it") from None
+        raise AsfmError(f"{folder}: expected a folder that asfm run wrote, found no {REPORT} in it") from None
     except OSError as error:
         raise AsfmError(f"{path}: cannot read: {error.strerror}") from None
     except (ValueError, RecursionError) as error:

@@ -1,0 +1,76 @@
+"""``asfm evaluate``: alignment, odometry, bound and reference."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from asfm.cli import run_command_line
+from asfm.commands import evaluate_folder
+
+Ask = Callable[..., str]
+
+
+def test_evaluation_states_alignment_and_odometry(demo_folder: Path, ask: Ask) -> None:
+    results = demo_folder / "results"
+    before = json.loads((results / "evaluation.json").read_text())
+    (results / "evaluation.json").unlink()
+    text = ask("evaluate", results)
+    header, *lines = text.splitlines()
+    assert header.split() == ["measure", "run", "unit", "odometry", "ratio"]
+    row = next(line for line in lines if line.startswith("ATE RMSE, SE(3)-aligned, scale off"))
+    run_m, unit, odometry_m, ratio = row.split("scale off")[1].split()
+    assert unit == "m" and float(ratio) == pytest.approx(float(run_m) / float(odometry_m), abs=0.01)
+    after = json.loads((results / "evaluation.json").read_text())
+    assert after["notes"] == before["notes"]
+    assert after["rows"][: len(before["rows"])] == before["rows"], "asfm run writes the same rows, without the bound"
+    table = evaluate_folder(results)
+    assert table.row("ATE RMSE, SE(3)-aligned, scale off").value == pytest.approx(float(run_m), abs=5e-5)
+
+
+def test_evaluation_of_a_simulated_run_states_its_bound(
+    demo_folder: Path, tmp_path: Path, ask: Ask, capsys: Any
+) -> None:
+    results = tmp_path / "results"
+    shutil.copytree(demo_folder / "results", results)
+    text = ask("evaluate", results)
+    bound_m, ate_over_bound = (
+        float(next(line for line in text.splitlines() if line.startswith(name)).split("scale off")[1].split()[0])
+        for name in ("bound (true associations, ideal points), SE(3)-aligned", "ATE / bound, SE(3)-aligned")
+    )
+    ate_m = evaluate_folder(results).row("ATE RMSE, SE(3)-aligned, scale off").value
+    assert bound_m > 0 and ate_over_bound == pytest.approx(ate_m / bound_m, rel=0.05)
+    assert '"name": "ATE / bound' in (results / "evaluation.json").read_text()
+    assert "bound" not in ask("evaluate", results, "--reference", results / "trajectory.tum")
+    table = (results / "tracks.csv").read_text()
+    (results / "tracks.csv").write_text(table.replace(",1\n", ",yes\n", 1))
+    assert run_command_line(["evaluate", str(results)]) == 2
+    message = capsys.readouterr().err
+    assert "tracks.csv, line " in message and "as used, found 'yes'" in message and message.count("\n") == 1
+    (results / "tracks.csv").unlink()
+    text = ask("evaluate", results)
+    assert "note: No bound: the results hold no tracks.csv" in text and "ATE / bound" not in text
+
+
+def test_reference_replaces_the_truth(demo_folder: Path, tmp_path: Path, ask: Ask, capsys: Any) -> None:
+    results = tmp_path / "results"
+    ask("run", demo_folder / "seafloor", "--output", results, "--no-rerun")
+    table = evaluate_folder(results, results / "trajectory.tum")
+    assert table.row("ATE RMSE, SE(3)-aligned, scale off").value == pytest.approx(0, abs=1e-9)
+    report = json.loads((results / "report.json").read_text())
+    report["sequence"]["path"] = str(tmp_path / "gone")
+    (results / "report.json").write_text(json.dumps(report))
+    assert run_command_line(["evaluate", str(results)]) == 2
+    message = capsys.readouterr().err
+    assert "gone: expected a sequence" in message and "--reference" in message and message.count("\n") == 1
+    text = ask("evaluate", results, "--reference", results / "trajectory.tum")
+    assert "note: Without the odometry's row: " in text
+    for content, said in (("{", "expected JSON"), ("[]", "no sequence in it"), ('{"sequence": {}}', "path")):
+        (results / "report.json").write_text(content)
+        assert run_command_line(["evaluate", str(results)]) == 2
+        assert said in capsys.readouterr().err
+    assert run_command_line(["evaluate", str(tmp_path)]) == 2
+    assert "found no report.json in it" in capsys.readouterr().err

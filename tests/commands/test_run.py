@@ -1,0 +1,81 @@
+"""``asfm run`` and ``asfm demo``: results, settings and reproducibility."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from asfm import __version__
+from asfm.cli import run_command_line
+from asfm.config import Config
+from asfm.config_file import load_config
+
+Ask = Callable[..., str]
+
+FRAMES = 6
+
+
+def test_run_writes_all_results(demo_folder: Path) -> None:
+    results = demo_folder / "results"
+    names = {"trajectory.tum", "points.ply", "pose_sigmas.csv", "tracks.csv", "reconstruction.rrd"}
+    names |= {"report.json", "config.yaml", "evaluation.json"}
+    assert {path.name for path in results.iterdir()} == names
+    assert load_config(results / "config.yaml") == Config()
+    report = json.loads((results / "report.json").read_text())
+    assert report["sequence"] == {
+        "path": str(demo_folder / "seafloor"),
+        "name": "seafloor",
+        "format": "native",
+        "frames": FRAMES,
+    }
+    assert report["seed"] == 0 and report["counts"]["poses"] == FRAMES and report["counts"]["landmarks"] > 0
+    assert report["versions"]["asfm"] == __version__ and report["versions"]["numpy"] == np.__version__
+    assert all(report["versions"].values())
+    assert 0 < sum(stage["wall_s"] for stage in report["stages"]) <= report["wall_s"]
+    assert all(50 < stage["peak_memory_mb"] < 5000 for stage in report["stages"])
+    assert report["stages"][0]["counts"]["frames"] == FRAMES
+
+
+def test_demo_is_reproducible_byte_by_byte(demo_folder: Path, tmp_path: Path, ask: Ask) -> None:
+    text = ask("demo", "--frames", str(FRAMES), "--output", tmp_path / "again")
+    results = tmp_path / "again" / "results"
+    assert f"asfm view {results}\n" in text and "ATE RMSE, SE(3)-aligned, scale off: " in text
+    for name in ("trajectory.tum", "points.ply", "pose_sigmas.csv", "tracks.csv", "config.yaml", "evaluation.json"):
+        assert (results / name).read_bytes() == (demo_folder / "results" / name).read_bytes(), name
+    ask("demo", "--frames", "2", "--output", tmp_path / "again")
+    assert len(np.loadtxt(results / "trajectory.tum")) == 2, "an earlier demo is replaced"
+
+
+def test_settings_are_read_from_file_and_command_line(demo_folder: Path, tmp_path: Path, ask: Ask) -> None:
+    (tmp_path / "mine.yaml").write_text("backend: {rounds: 2}\nseed: 3\n")
+    command: list[str | Path] = [
+        "run",
+        demo_folder / "seafloor",
+        "--output",
+        tmp_path / "out",
+        "--config",
+        tmp_path / "mine.yaml",
+    ]
+    text = ask(*command, "--set", "seed=4", "--set", "cfar.guard_px=[3, 3]", "--mode", "batch", "--no-rerun")
+    assert "reconstruction.rrd" not in {path.name for path in (tmp_path / "out").iterdir()}
+    assert "asfm view" not in text, "there is no recording"
+    resolved = load_config(tmp_path / "out" / "config.yaml")
+    assert (resolved.backend.rounds, resolved.seed, resolved.cfar.guard_px) == (2, 4, (3, 3))
+    assert json.loads((tmp_path / "out" / "report.json").read_text())["seed"] == 4
+
+
+@pytest.mark.parametrize(
+    ("name", "frames", "warns"),
+    [("aris/sample.aris", 6, True), ("turtle_sim", 60, False), ("holoocean_boat", 60, True)],
+)
+def test_recordings_with_little_overlap_run_to_the_end(
+    shared_data: Path, tmp_path: Path, name: str, frames: int, warns: bool, capsys: Any
+) -> None:
+    assert run_command_line(["run", str(shared_data / name), "--output", str(tmp_path / "out"), "--no-rerun"]) == 0
+    rows = np.loadtxt(tmp_path / "out" / "trajectory.tum")
+    assert rows.shape == (frames, 8) and np.isfinite(rows).all()
+    if warns:
+        assert "warning: " in capsys.readouterr().err
