@@ -10,7 +10,9 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("asfm", "frontend", "backend")
 ARRAYS = re.compile(r"\b(FloatArray|IntArray|BoolArray|ImageArray|Descriptors|NDArray|ndarray)\b")
-SHAPE = re.compile(r"\([A-Za-z0-9_+*. /-]*(, ?[A-Za-z0-9_+*. /-]+)+\)|\([A-Z][a-z]?,\)|\(\d,\)|\b\d x \d\b|shape|See :|\b4 x 4\b")
+SHAPE = re.compile(
+    r"\([A-Za-z0-9_+*. /-]*(, ?[A-Za-z0-9_+*. /-]+)+\)|\([A-Z][a-z]?,\)|\(\d,\)|\b\d x \d\b|shape|See :|\b4 x 4\b"
+)
 """(N,), (N, 4, 4), (ranges, beams), or a reference to where the shapes are stated."""
 REQUIRED_SHARE = 0.95
 

@@ -61,6 +61,6 @@ def _add_bound(folder: Path, source: Path, sequence: Sequence, table: Evaluation
     if not path.exists():
         note = f"No bound: the results hold no {TRACKS}, which older versions did not write; run asfm run again."
         return EvaluationTable(table.rows, (*table.notes, note))
-    tracks, observed = read_tracks(path, len(sequence))
+    tracks, observed, _ = read_tracks(path, len(sequence))
     bound = measure_bound(sequence, read_truth, tracks, observed, load_config(folder / CONFIG))
     return add_bound(table, bound)

@@ -8,7 +8,7 @@ from asfm.atomic_folder import atomic_folder
 from asfm.config import Config
 from asfm.config_file import dump_config
 from asfm.datasets import open_sequence
-from asfm.datasets.hloc.features_matches import read_hloc
+from asfm.datasets.hloc.features_matches import read_hloc, write_hloc
 from asfm.datasets.hloc.image_names import name_images
 from asfm.diagnostics import Diagnostic
 from asfm.errors import AsfmError
@@ -16,9 +16,22 @@ from asfm.evaluation.pose_error_table import EvaluationTable, evaluate_sequence
 from asfm.recorder import NullRecorder, Recorder
 from asfm.results.evaluation_json import write_evaluation
 from asfm.results.points_ply import write_points
+from asfm.results.pose_covariances_csv import write_pose_covariances
 from asfm.results.pose_sigmas_csv import write_pose_sigmas
 from asfm.results.report_json import write_report
-from asfm.results.results_folder import CONFIG, POINTS, POSE_SIGMAS, RECORDING, REPORT, RESULTS, TRACKS, TRAJECTORY
+from asfm.results.results_folder import (
+    CONFIG,
+    FEATURES,
+    MATCHES,
+    POINTS,
+    POSE_COVARIANCES,
+    POSE_SIGMAS,
+    RECORDING,
+    REPORT,
+    RESULTS,
+    TRACKS,
+    TRAJECTORY,
+)
 from asfm.results.run_summary import RunSummary
 from asfm.results.tracks_csv import write_tracks
 from asfm.results.trajectory_tum import read_trajectory, write_trajectory
@@ -55,12 +68,14 @@ def run_sequence(
     begin_s = time.perf_counter()
     config = config or Config()
     sequence = open_sequence(path)
-    given = external_matches and read_hloc(*external_matches, sequence, name_images(path, sequence))
+    names = name_images(path, sequence)
+    given = external_matches and read_hloc(*external_matches, sequence, names)
     with atomic_folder(output, RESULTS, overwrite) as folder:
         with closing(_make_recorder(folder / RECORDING, sequence, recording)) as recorder:
             run = reconstruct(sequence, config, recorder, progress, given)
         result = run.reconstruction
         _write_reconstruction(folder, result, config)
+        write_hloc(folder / FEATURES, folder / MATCHES, names, run.keypoints, run.matches)
         evaluation, remarks = _evaluate(folder, sequence)
         diagnostics = tuple(dict.fromkeys((*sequence.diagnostics, *result.diagnostics, *remarks)))
         wall_s = time.perf_counter() - begin_s
@@ -81,7 +96,8 @@ def _write_reconstruction(folder: Path, result: Reconstruction, config: Config) 
     write_trajectory(folder / TRAJECTORY, result.trajectory)
     write_points(folder / POINTS, result.landmarks)
     write_pose_sigmas(folder / POSE_SIGMAS, result.trajectory.timestamps_s, result.pose_covariance)
-    write_tracks(folder / TRACKS, result.tracks, result.observed)
+    write_pose_covariances(folder / POSE_COVARIANCES, result.trajectory.timestamps_s, result.pose_covariance)
+    write_tracks(folder / TRACKS, result.tracks, result.observed, result.landmarks.track)
     (folder / CONFIG).write_text(dump_config(config), encoding="utf-8")
 
 

@@ -120,7 +120,7 @@ class FanGrid:
 
 
 def _outline(sonar: SonarModel) -> tuple[FloatArray, FloatArray]:
-    """x and y of points that hold the fan's bounding box: the sonar, the far corners, and the axes between them."""
+    """X and y of points that hold the fan's bounding box: the sonar, the far corners, and the axes between them."""
     first, last = sonar.bearing_edges_rad[[0, -1]]
     axes = np.array([-np.pi, -np.pi / 2, 0.0, np.pi / 2, np.pi])
     bearing_rad = np.concatenate([[first, last], axes[(axes > first) & (axes < last)]])

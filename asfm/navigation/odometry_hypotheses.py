@@ -106,7 +106,8 @@ def odometry_hypotheses(world_from_vehicle: FloatArray, vehicle_from_sonar: Floa
 
 def median_arc_distance_m(pair: PointPairs, world_from_sonar: FloatArray, sonar: SonarModel) -> float:
     """Give the median distance in metres of a pair's points from the elevation arcs that the poses, (N, 4, 4), put them
-    on; along the range, and across by the bearing at that range."""
+    on; along the range, and across by the bearing at that range.
+    """
     b_from_a = invert(world_from_sonar[pair.frame_b]) @ world_from_sonar[pair.frame_a]
     arcs = transform(b_from_a, sonar.elevation_arc(pair.pixel_a[:, 0], pair.pixel_a[:, 1], ELEVATIONS))
     range_m, bearing_rad, _ = project(arcs)

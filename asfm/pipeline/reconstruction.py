@@ -49,7 +49,7 @@ class Run:
 
 def reconstruct(
     sequence: Sequence,
-    config: Config,
+    config: Config | None = None,
     recorder: Recorder | None = None,
     progress: Progress = no_progress,
     external: ExternalMatches | None = None,
@@ -61,7 +61,7 @@ def reconstruct(
 
     Args:
         sequence: frames and their navigation, if any.
-        config: every setting.
+        config: every setting; the defaults where it is None.
         recorder: observer of the stages; none by default.
         progress: called with the progress of each stage.
         external: keypoints and matches computed elsewhere in place of asfm's own; no others are added.
@@ -69,7 +69,7 @@ def reconstruct(
     Raises:
         AsfmError: a frame cannot be read.
     """
-    recorder = recorder or NullRecorder()
+    config, recorder = config or Config(), recorder or NullRecorder()
     clock = StageClock(progress)
     navigation = read_navigation(sequence, config.backend)
     prediction = predict_poses(navigation, sequence)

@@ -5,7 +5,10 @@ from asfm.atomic_folder import FolderKind
 TRAJECTORY = "trajectory.tum"
 POINTS = "points.ply"
 POSE_SIGMAS = "pose_sigmas.csv"
+POSE_COVARIANCES = "pose_covariances.csv"
 TRACKS = "tracks.csv"
+FEATURES = "features.h5"
+MATCHES = "matches.h5"
 RECORDING = "reconstruction.rrd"
 REPORT = "report.json"
 CONFIG = "config.yaml"
@@ -17,7 +20,7 @@ RESULTS = FolderKind(
     name="results",
     marks=(REPORT, CONFIG),
     patterns=(
-        *(TRAJECTORY, POINTS, POSE_SIGMAS, TRACKS, RECORDING),
+        *(TRAJECTORY, POINTS, POSE_SIGMAS, POSE_COVARIANCES, TRACKS, FEATURES, MATCHES, RECORDING),
         *(REPORT, CONFIG, EVALUATION, EVALUATION_PARTIAL),
     ),
 )

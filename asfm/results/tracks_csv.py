@@ -10,18 +10,20 @@ from asfm.results.output_file import require_finite, write_lines
 from asfm.types import BoolArray, FloatArray, IntArray, Tracks
 
 SIGMA_COLUMNS = ("sigma_range_m", "sigma_bearing_rad")
-COLUMNS = ("track", "frame", "range_m", "bearing_rad", *SIGMA_COLUMNS, "used")
+COLUMNS = ("track", "frame", "range_m", "bearing_rad", *SIGMA_COLUMNS, "used", "keypoint", "landmark")
 
 
-def write_tracks(path: Path, tracks: Tracks, observed: BoolArray) -> None:
+def write_tracks(path: Path, tracks: Tracks, observed: BoolArray, landmark_track: IntArray) -> None:
     """Write one CSV row per observation; numbers read back exactly, ``used`` is 1 or 0.
 
-    The sigma cells are empty where the tracks have no sigmas.
+    ``keypoint`` is the index of the keypoint in features.h5, ``landmark`` the row of the track's landmark in points.ply.
+    Cells are empty where there is no sigma, keypoint or landmark.
 
     Args:
         path: of the table.
         tracks: (O,) observations.
         observed: (O,) true for those that entered the final graph.
+        landmark_track: (L,) tracks of the landmarks, in the order of points.ply.
 
     Raises:
         AsfmError: the file cannot be written.
@@ -32,12 +34,16 @@ def write_tracks(path: Path, tracks: Tracks, observed: BoolArray) -> None:
     require_finite("tracks", *numbers)
     texts = [[repr(value) for value in column.tolist()] for column in numbers]
     texts += [] if tracks.sigma is not None else [[""] * len(tracks)] * 2
-    whole = [[str(value) for value in column.tolist()] for column in (tracks.track, tracks.frame, observed.astype(int))]
-    rows = zip(*whole[:2], *texts, whole[2], strict=True)
+    landmark = np.full(tracks.count, -1, dtype=np.int64)
+    landmark[landmark_track] = np.arange(len(landmark_track))
+    keypoint = np.full(len(tracks), -1) if tracks.keypoint is None else tracks.keypoint
+    whole = (tracks.track, tracks.frame, observed.astype(np.int64), keypoint, landmark[tracks.track])
+    first, second, *others = ([str(value) if value >= 0 else "" for value in column.tolist()] for column in whole)
+    rows = zip(first, second, *texts, *others, strict=True)
     write_lines(path, [",".join(COLUMNS), *map(",".join, rows)])
 
 
-def read_tracks(path: Path, frame_count: int) -> tuple[Tracks, BoolArray]:
+def read_tracks(path: Path, frame_count: int) -> tuple[Tracks, BoolArray, IntArray]:
     """Read the tracks of a run.
 
     Args:
@@ -45,8 +51,8 @@ def read_tracks(path: Path, frame_count: int) -> tuple[Tracks, BoolArray]:
         frame_count: number of frames of the sequence.
 
     Returns:
-        The tracks, without sigmas where all sigma cells are empty, and (O,) true for the observations that the final
-        graph used.
+        The tracks, without sigmas and keypoints where all of those cells are empty; (O,) true for the observations that
+        the final graph used; (T,) the row of each track's landmark in points.ply, -1 without one.
 
     Raises:
         AsfmError: a cell is not a number, or a row is out of order or out of the sequence; names file and line.
@@ -67,7 +73,11 @@ def read_tracks(path: Path, frame_count: int) -> tuple[Tracks, BoolArray]:
             raise AsfmError(f"{path}, line {rows[index][0]}: expected {expected}, found {values[index]}")
     _check_order(path, rows, track, frame)
     sigma = _read_sigma(path, rows, position)
-    return Tracks(track, frame, range_m, bearing_rad, sigma), used == 1
+    keypoint, landmark = (_read_indices(path, rows, position[name], name) for name in ("keypoint", "landmark"))
+    tracks = Tracks(track, frame, range_m, bearing_rad, sigma, keypoint if (keypoint >= 0).all() else None)
+    of_track = np.full(tracks.count, -1, dtype=np.int64)
+    of_track[track] = landmark
+    return tracks, used == 1, of_track
 
 
 def _check_order(path: Path, rows: list[Row], track: IntArray, frame: IntArray) -> None:
@@ -80,6 +90,16 @@ def _check_order(path: Path, rows: list[Row], track: IntArray, frame: IntArray) 
             f"{path}, line {rows[index][0]}: expected a later frame of the same track, or the next track, after "
             f"{before}, found track {track[index]}, frame {frame[index]}"
         )
+
+
+def _read_indices(path: Path, rows: list[Row], column: int, name: str) -> IntArray:
+    """Return (O,) indices of zero or more; -1 where the cell is empty."""
+    index = np.full(len(rows), -1, dtype=np.int64)
+    filled = [number for number, (_, cells) in enumerate(rows) if cells[column].strip()]
+    index[filled] = parse_integers(path, [rows[number] for number in filled], column, name)
+    for number in (number for number in filled if index[number] < 0):
+        raise AsfmError(f"{path}, line {rows[number][0]}: expected a {name} of 0 or more, found {index[number]}")
+    return index
 
 
 def _read_sigma(path: Path, rows: list[Row], position: dict[str, int]) -> FloatArray | None:

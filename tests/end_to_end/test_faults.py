@@ -344,7 +344,7 @@ def test_two_frames_and_a_still_sonar_are_runs(tmp_path: Path, capsys: pytest.Ca
 # A run that is stopped leaves nothing that looks whole.
 
 
-@pytest.fixture()
+@pytest.fixture
 def long_sequence(tmp_path: Path) -> Path:
     """A folder whose run takes long enough to be stopped: one image under many names."""
     write_native(tmp_path / "sequence", make_sequence(count=1, odometry=False))
