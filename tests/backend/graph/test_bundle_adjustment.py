@@ -92,7 +92,7 @@ def test_exact_measurements_give_the_exact_world() -> None:
     world = make_world(0, noise=0.0, drift=0.0, frame_count=10, points=40)
     rng = np.random.default_rng(1)
     wrong = make_pose(rng.normal(0, 0.03, (10, 3)), Rotation.from_rotvec(rng.normal(0, 0.01, (10, 3))))
-    bundle = adjust_bundle(world.problem, world.poses @ wrong, world.start_xyz_m, settled=1e-9)
+    bundle = adjust_bundle(world.problem, world.poses @ wrong, world.start_xyz_m, relative_tolerance=1e-9)
     np.testing.assert_allclose(bundle.world_from_vehicle, world.poses, atol=1e-4)
     np.testing.assert_allclose(bundle.xyz_m, world.xyz_m, atol=1e-3)
 
@@ -134,7 +134,7 @@ def test_covariances_scale_with_the_stated_noise() -> None:
         ),
     )
     first, second = (
-        landmark_covariances(adjust_bundle(problem, world.poses, world.xyz_m, settled=1e-9))
+        landmark_covariances(adjust_bundle(problem, world.poses, world.xyz_m, relative_tolerance=1e-9))
         for problem in (world.problem, vague)
     )
     np.testing.assert_allclose(second, 4 * first, rtol=5e-2, atol=1e-6)

@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from asfm.backend.graph.bundle_adjustment import Bundle, adjust_bundle
-from asfm.backend.graph.marginal_covariance import FRAMES_AT_ONCE, measure_uncertainty
+from asfm.backend.graph.marginal_covariance import FRAMES_PER_BLOCK, measure_uncertainty
 from asfm.backend.graph.problem import FIRST_POINT, FIRST_POSE, BundleProblem
 from asfm.geometry.poses import invert, make_pose, transform
 from asfm.geometry.sonar import SonarModel, project
@@ -17,7 +17,7 @@ from tests.worlds import make_constraints, no_frame
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (500, 128), np.deg2rad(20))
 LEVER_ARM = make_pose(np.array([0.4, -0.1, -0.2]), Rotation.from_euler("ZYX", [0.1, 0.2, 0.0]))
-FRAMES = FRAMES_AT_ONCE + 6
+FRAMES = FRAMES_PER_BLOCK + 6
 """More than are looked at at once."""
 
 
@@ -58,7 +58,7 @@ def make_poses(
 def test_poses_and_points_are_as_sure_as_gtsam_says(bundle: Bundle) -> None:
     found = measure_uncertainty(bundle, np.ones(len(bundle.xyz_m)))
     marginals = gtsam.Marginals(bundle.graph, bundle.values)
-    for index in (0, 1, 30, FRAMES_AT_ONCE, FRAMES - 1):
+    for index in (0, 1, 30, FRAMES_PER_BLOCK, FRAMES - 1):
         expected = marginals.marginalCovariance(FIRST_POSE + index)
         np.testing.assert_allclose(found.pose[index], expected, atol=1e-4 * np.abs(expected).max())
     assert bundle.in_graph.sum() > 15
