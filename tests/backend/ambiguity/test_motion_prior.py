@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asfm.backend.ambiguity.motion_prior import SPAN, loosen_turns, state_prior_covariance, widen_motion_prior
+from asfm.backend.ambiguity.motion_prior import (
+    SPAN_FRAMES,
+    state_prior_covariance,
+    widen_motion_prior,
+    widen_rotation_sigma,
+)
 from asfm.backend.estimation.solution import Solution, solve_tracks
 from asfm.backend.graph.marginal_covariance import measure_uncertainty
 from asfm.config_file import load_config
@@ -38,7 +43,7 @@ def chain(rotation_rad: FloatArray, translation_m: FloatArray) -> FloatArray:
 def test_independent_turns_keep_their_own_sigma() -> None:
     rng = np.random.default_rng(3)
     poses = chain(rng.normal(0, 0.004, (4000, 3)), rng.normal(0, 0.03, (4000, 3)))
-    found = loosen_turns(make_sensors(4001, (1e-4, 2e-4)), poses).step_sigma
+    found = widen_rotation_sigma(make_sensors(4001, (1e-4, 2e-4)), poses).step_sigma
     np.testing.assert_allclose(found, np.tile([0.004, 2e-4], (4000, 1)), rtol=0.08)
 
 
@@ -46,14 +51,14 @@ def test_independent_turns_keep_their_own_sigma() -> None:
 def test_steady_turns_count_as_what_they_add_up_to(frames: int) -> None:
     turn, shift = np.array([0.01, 0.0, 0.0]), np.array([0.05, 0.0, 0.0])  # a screw: its steps commute
     poses = chain(np.tile(turn, (frames - 1, 1)), np.tile(shift, (frames - 1, 1)))
-    found = loosen_turns(make_sensors(frames, (1e-6, 0.02)), poses).step_sigma
-    root = np.sqrt(min(SPAN, frames - 1) / 3)  # a third of the squares on each axis
+    found = widen_rotation_sigma(make_sensors(frames, (1e-6, 0.02)), poses).step_sigma
+    root = np.sqrt(min(SPAN_FRAMES, frames - 1) / 3)  # a third of the squares on each axis
     np.testing.assert_allclose(found, np.tile([0.01 * root, 0.02], (frames - 1, 1)))
 
 
 def test_a_prior_is_never_narrowed() -> None:
     sensors = make_sensors(6, (0.3, 0.4))
-    found = loosen_turns(sensors, np.repeat(np.eye(4)[None], 6, axis=0))
+    found = widen_rotation_sigma(sensors, np.repeat(np.eye(4)[None], 6, axis=0))
     np.testing.assert_array_equal(found.step_sigma, sensors.step_sigma)
 
 

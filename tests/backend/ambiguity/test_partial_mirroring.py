@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from asfm.backend.ambiguity.mirror_ambiguity import reflect_after
 from asfm.backend.ambiguity.partial_mirroring import (
-    LEAST_ODDS,
+    MIN_LOG_ODDS,
     compare_fits,
     correct_partial_mirroring,
     find_local_minimum,
@@ -95,7 +95,7 @@ def test_a_twist_is_found_and_set_right() -> None:
     before, after = (roll_rad(solution.bundle.world_from_vehicle) - roll_rad(truth) for solution in (twisted, right))
     assert np.abs(before).max() > 0.3 > 0.1 > np.abs(after).max(), "the optimisation alone does not leave the twist"
     residual_gate = make_residual_gate(tracks, sequence, sensors, config)
-    assert compare_fits(twisted, right, sequence, residual_gate, 1.0) > LEAST_ODDS
+    assert compare_fits(twisted, right, sequence, residual_gate, 1.0) > MIN_LOG_ODDS
     assert compare_fits(right, right, sequence, residual_gate, 1.0) == 0
 
 
