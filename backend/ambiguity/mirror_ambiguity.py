@@ -10,16 +10,16 @@ from dataclasses import dataclass, replace
 import gtsam
 import numpy as np
 
+from asfm.backend.ambiguity.reflection import reflect, reflected_motion_jacobian, reflection_at
 from asfm.backend.estimation.solution import Solution
 from asfm.backend.graph.aperture_bounds import add_aperture_priors, observed_elevations
 from asfm.backend.graph.bundle_adjustment import Bundle, make_values
 from asfm.backend.graph.marginal_covariance import Uncertainty
 from asfm.config import Scene
 from asfm.diagnostics import Diagnostic
-from asfm.geometry.poses import invert, transform
+from asfm.geometry.poses import invert
 from asfm.types import FloatArray
 
-REFLECTION = np.diag([1.0, 1.0, -1.0, 1.0])
 MIN_PROBABILITY = 1e-6
 """An image less probable than this is excluded."""
 MIN_UNDECIDED_PROBABILITY = 0.05
@@ -38,45 +38,6 @@ class Mirror:
     """(N, 4, 4) poses, the first one as in the solution."""
     xyz_m: FloatArray
     """(T, 3) points in the world frame."""
-
-
-def reflect(
-    world_from_vehicle: FloatArray, xyz_m: FloatArray, vehicle_from_sonar: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Reflect poses and points at the x-y plane of the first sonar frame; the first pose does not change.
-
-    Args:
-        world_from_vehicle: (N, 4, 4) poses.
-        xyz_m: (T, 3) points in the world frame.
-        vehicle_from_sonar: (4, 4) lever arm.
-
-    Returns:
-        (N, 4, 4) poses and (T, 3) points.
-    """
-    reflection = _reflect_at(world_from_vehicle[0] @ vehicle_from_sonar)
-    return reflect_after(world_from_vehicle, 0, vehicle_from_sonar), transform(reflection, xyz_m)
-
-
-def reflect_after(world_from_vehicle: FloatArray, frame: int, vehicle_from_sonar: FloatArray) -> FloatArray:
-    """Reflect the poses after a frame at the x-y plane of its sonar frame.
-
-    Args:
-        world_from_vehicle: (N, 4, 4) poses.
-        frame: last one that does not change.
-        vehicle_from_sonar: (4, 4) lever arm.
-
-    Returns:
-        (N, 4, 4) poses.
-    """
-    world_from_sonar = world_from_vehicle @ vehicle_from_sonar
-    reflection = _reflect_at(world_from_sonar[frame])
-    mirrored = reflection @ world_from_sonar[frame + 1 :] @ REFLECTION @ invert(vehicle_from_sonar)
-    return np.concatenate([world_from_vehicle[: frame + 1], mirrored])
-
-
-def _reflect_at(world_from_sonar: FloatArray) -> FloatArray:
-    """Return the (4, 4) reflection of the world at the x-y plane of a sonar frame."""
-    return np.asarray(world_from_sonar @ REFLECTION @ invert(world_from_sonar))
 
 
 def find_mirror(solution: Solution, scene: Scene = "unknown") -> Mirror:
@@ -130,9 +91,9 @@ def inflate_for_mirror(uncertainty: Uncertainty, solution: Solution, mirror: Mir
         return uncertainty
     bundle, lever = solution.bundle, solution.problem.vehicle_from_sonar
     distance, jacobian = compare_poses(bundle.world_from_vehicle, mirror.world_from_vehicle)
-    to_mirror = jacobian @ _reflect_motions(lever)
+    to_mirror = jacobian @ reflected_motion_jacobian(lever)
     pose = to_mirror @ uncertainty.pose @ np.swapaxes(to_mirror, 1, 2) + _outer(distance)
-    reflection = _reflect_at(bundle.world_from_vehicle[0] @ lever)[:3, :3]
+    reflection = reflection_at(bundle.world_from_vehicle[0] @ lever)[:3, :3]
     finite = np.isfinite(uncertainty.point_m2).all(axis=(1, 2))
     point_m2 = uncertainty.point_m2.copy()
     shift_m = mirror.xyz_m[finite] - bundle.xyz_m[finite]
@@ -140,15 +101,6 @@ def inflate_for_mirror(uncertainty: Uncertainty, solution: Solution, mirror: Mir
     point_m2[finite] = (1 - probability) * point_m2[finite] + probability * image_m2
     pose = (1 - probability) * uncertainty.pose + probability * pose
     return replace(uncertainty, pose=(pose + np.swapaxes(pose, 1, 2)) / 2, point_m2=point_m2)
-
-
-def _reflect_motions(vehicle_from_sonar: FloatArray) -> FloatArray:
-    """Return the (6, 6) matrix from a small motion in the vehicle frame to that of its mirror image.
-
-    In the sonar frame rotations about x and y and translations along z change their sign.
-    """
-    adjoint = gtsam.Pose3(vehicle_from_sonar).AdjointMap()
-    return np.asarray(adjoint @ np.diag([-1.0, -1.0, 1.0, 1.0, 1.0, -1.0]) @ np.linalg.inv(adjoint))
 
 
 def warn_of_mirror(uncertainty: Uncertainty, bundle: Bundle, mirror: Mirror) -> tuple[Diagnostic, ...]:

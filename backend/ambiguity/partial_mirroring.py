@@ -7,7 +7,7 @@ on. Both parts then fit well, and only tracks that span the flip fit slightly wo
 
 import numpy as np
 
-from asfm.backend.ambiguity.mirror_ambiguity import reflect_after
+from asfm.backend.ambiguity.reflection import reflect_after
 from asfm.backend.estimation.residual_gate import GUESSED_SLACK, ResidualGate, make_residual_gate
 from asfm.backend.estimation.solution import Solution, correlated_variance, solve_tracks
 from asfm.backend.estimation.triangulation import squared_residuals, triangulate_tracks
