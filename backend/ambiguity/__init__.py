@@ -1,1 +1,1 @@
-"""Ambiguities of the sonar alone: mirror image, partial mirroring and motion prior."""
+"""Ambiguities of sonar without other sensors: mirror image, partial mirroring and motion prior."""

@@ -1,9 +1,8 @@
-"""The mirror image of a solution, which the sonar alone cannot tell from the solution itself.
+"""Mirror (Necker) ambiguity: a scene and its reflection at the sonar's plane give the same measurements.
 
-Range and bearing stay the same when a scene is reflected at the sonar's plane. Reflect the scene at the plane of the
-first frame, and every frame's pose along with it: all measurements of the sonar fit exactly as well as before. Heights,
-rolls, pitches and elevations change their sign. Only what is not sonar decides: odometry, depth, attitude. (For the
-affine camera the same is known as Necker's reversal.)
+Range and bearing do not change when the scene and all poses are reflected at the horizontal plane of the first sonar
+frame; height, roll, pitch and elevation change their sign. Only other sensors (odometry, depth, attitude) can exclude
+one of the two images. For the affine camera the same ambiguity is known as Necker reversal.
 """
 
 from dataclasses import dataclass, replace
@@ -11,179 +10,162 @@ from dataclasses import dataclass, replace
 import gtsam
 import numpy as np
 
+from asfm.backend.ambiguity.reflection import reflect, reflected_motion_jacobian, reflection_at
 from asfm.backend.estimation.solution import Solution
 from asfm.backend.graph.aperture_bounds import add_aperture_priors, observed_elevations
 from asfm.backend.graph.bundle_adjustment import Bundle, make_values
 from asfm.backend.graph.marginal_covariance import Uncertainty
 from asfm.config import Scene
 from asfm.diagnostics import Diagnostic
-from asfm.geometry.poses import invert, transform
+from asfm.geometry.poses import invert
 from asfm.types import FloatArray
 
-REFLECTION = np.diag([1.0, 1.0, -1.0, 1.0])
-EXCLUDED = 1e-6
-"""An image less probable than this counts as excluded."""
-UNDECIDED = 0.05
-"""Where neither image is less probable than this, the measurements do not tell."""
-FAR = 3.0
-"""Sigmas that the images of a pose must lie apart for the difference to be worth a word."""
+MIN_PROBABILITY = 1e-6
+"""An image less probable than this is excluded."""
+MIN_UNDECIDED_PROBABILITY = 0.05
+"""The measurements do not decide where both images are at least this probable."""
+MIN_DISTANCE_SIGMAS = 3.0
+"""Distance between the two images of a pose, in sigmas, from which on the ambiguity is reported."""
 
 
 @dataclass(frozen=True)
 class Mirror:
-    """The other image of a solution."""
+    """The mirror image of a solution."""
 
     probability: float
-    """That this image is the true one, as the measurements say: 0.5 where they do not tell."""
+    """Probability, given the measurements, that the mirror image is the true one; 0.5 where they do not decide."""
     world_from_vehicle: FloatArray
-    """(N, 4, 4), the first one as in the solution."""
+    """(N, 4, 4) poses, the first one as in the solution."""
     xyz_m: FloatArray
-    """(T, 3)"""
-
-
-def reflect(
-    world_from_vehicle: FloatArray, xyz_m: FloatArray, vehicle_from_sonar: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Reflect (N, 4, 4) poses and (T, 3) points at the plane of the first frame's sonar, which stays where it is."""
-    across = _reflect_at(world_from_vehicle[0] @ vehicle_from_sonar)
-    return reflect_after(world_from_vehicle, 0, vehicle_from_sonar), transform(across, xyz_m)
-
-
-def reflect_after(world_from_vehicle: FloatArray, frame: int, vehicle_from_sonar: FloatArray) -> FloatArray:
-    """Reflect the poses (N, 4, 4) after a frame at the plane of its sonar."""
-    sonars = world_from_vehicle @ vehicle_from_sonar
-    turned = _reflect_at(sonars[frame]) @ sonars[frame + 1 :] @ REFLECTION @ invert(vehicle_from_sonar)
-    return np.concatenate([world_from_vehicle[: frame + 1], turned])
-
-
-def _reflect_at(world_from_sonar: FloatArray) -> FloatArray:
-    """Give the (4, 4) that reflects the world at the plane of a sonar."""
-    return np.asarray(world_from_sonar @ REFLECTION @ invert(world_from_sonar))
+    """(T, 3) points in the world frame."""
 
 
 def find_mirror(solution: Solution, scene: Scene = "unknown") -> Mirror:
-    """Reflect a solution and ask its measurements which of the two images is the true one.
+    """Reflect a solution and compute the probability of the mirror image from the costs of both.
 
     Args:
-        solution: shows the image that :func:`choose_mirror` has chosen.
-        scene: where it is known to lie, which excludes the image wherever the measurements do not tell.
+        solution: the image chosen by :func:`choose_mirror`.
+        scene: known side of the sonar on which the scene lies; excludes the mirror image where measurements do not
+            decide.
     """
     bundle = solution.bundle
     poses, points = reflect(bundle.world_from_vehicle, bundle.xyz_m, solution.problem.vehicle_from_sonar)
-    worse = bundle.measured.error(make_values(poses, points, bundle.in_graph)) - bundle.measured.error(bundle.values)
-    probability = float(1 / (1 + np.exp(np.clip(worse, -500.0, 500.0))))
-    if probability < EXCLUDED or (scene != "unknown" and _is_undecided(probability)):
+    mirror_cost = bundle.measured.error(make_values(poses, points, bundle.in_graph))
+    cost_increase = mirror_cost - bundle.measured.error(bundle.values)
+    probability = float(1 / (1 + np.exp(np.clip(cost_increase, -500.0, 500.0))))
+    if probability < MIN_PROBABILITY or (scene != "unknown" and _is_undecided(probability)):
         probability = 0.0
     return Mirror(probability, poses, points)
 
 
 def choose_mirror(solution: Solution, scene: Scene = "unknown") -> Solution:
-    """Take the other image where the measurements say so, or where they say nothing and it shows a bottom from above.
+    """Choose between a solution and its mirror image.
 
-    In one of two images that are equally probable, what is near lies lower than what is far, as on a bottom that is
-    seen from above; in the other one it lies higher, as on a hull that is seen from beneath. Sonars look at bottoms
-    more often. That decides which image is shown, not how sure it is, unless the scene is known to lie there.
+    The more probable one is chosen. Where measurements do not decide, it is the one in which far points lie higher
+    than near ones, as on a bottom below the sonar, or lower for a scene above it, such as a hull. Bottoms are the
+    usual case. This choice does not change the stated probability unless the scene's side is known.
 
     Args:
         solution: either image.
-        scene: below the sonar, or above it.
+        scene: side of the sonar on which the scene lies.
     """
     other = find_mirror(solution)
-    slope = _rises_with_range(solution) * (-1 if scene == "above" else 1)
-    take = slope < 0 if _is_undecided(other.probability) else other.probability > 0.5
-    return replace(solution, bundle=_take(solution, other)) if take else solution
+    slope = _range_elevation_covariance(solution) * (-1 if scene == "above" else 1)
+    mirror_is_better = slope < 0 if _is_undecided(other.probability) else other.probability > 0.5
+    return replace(solution, bundle=_mirrored_bundle(solution, other)) if mirror_is_better else solution
 
 
 def inflate_for_mirror(uncertainty: Uncertainty, solution: Solution, mirror: Mirror) -> Uncertainty:
-    """Widen the covariances of poses and points for the mirror image: their second moments over both images.
+    """Inflate the covariances of poses and points to their second moments over both images.
 
-    With d from an estimate to its image, which has the probability p and the covariance C', the squared error about
-    the estimate is expected to be (1 - p) C + p (C' + d d'). Spans are left as they are: they tell what holds one image
-    together.
-    """
-    share = mirror.probability
-    if not share:
-        return uncertainty
-    bundle, lever = solution.bundle, solution.problem.vehicle_from_sonar
-    apart, carry = compare_poses(bundle.world_from_vehicle, mirror.world_from_vehicle)
-    turned = carry @ _reflect_motions(lever)
-    pose = turned @ uncertainty.pose @ np.swapaxes(turned, 1, 2) + _square(apart)
-    across = _reflect_at(bundle.world_from_vehicle[0] @ lever)[:3, :3]
-    known = np.isfinite(uncertainty.point_m2).all(axis=(1, 2))
-    point_m2 = uncertainty.point_m2.copy()
-    shift_m = mirror.xyz_m[known] - bundle.xyz_m[known]
-    image_m2 = across @ point_m2[known] @ across + _square(shift_m)
-    point_m2[known] = (1 - share) * point_m2[known] + share * image_m2
-    pose = (1 - share) * uncertainty.pose + share * pose
-    return replace(uncertainty, pose=(pose + np.swapaxes(pose, 1, 2)) / 2, point_m2=point_m2)
-
-
-def _reflect_motions(vehicle_from_sonar: FloatArray) -> FloatArray:
-    """Give the (6, 6) that turns a small motion in the vehicle's frame into that of its image.
-
-    In the sonar's frame turns about x and y and shifts along z change their sign.
-    """
-    carry = gtsam.Pose3(vehicle_from_sonar).AdjointMap()
-    return np.asarray(carry @ np.diag([-1.0, -1.0, 1.0, 1.0, 1.0, -1.0]) @ np.linalg.inv(carry))
-
-
-def warn_of_mirror(uncertainty: Uncertainty, bundle: Bundle, mirror: Mirror) -> tuple[Diagnostic, ...]:
-    """Say in a sentence that another image explains the measurements, where it is clearly another one.
+    With the distance d from an estimate to its mirror image, of probability p and covariance C', the expected squared
+    error of the estimate is (1 - p) C + p (C' + d d'). Covariances of spans are kept: they describe one image.
 
     Args:
         uncertainty: within one image.
+        solution: the image that is shown.
+        mirror: the other one.
+    """
+    probability = mirror.probability
+    if not probability:
+        return uncertainty
+    bundle, lever = solution.bundle, solution.problem.vehicle_from_sonar
+    distance, jacobian = compare_poses(bundle.world_from_vehicle, mirror.world_from_vehicle)
+    to_mirror = jacobian @ reflected_motion_jacobian(lever)
+    pose = to_mirror @ uncertainty.pose @ np.swapaxes(to_mirror, 1, 2) + _outer(distance)
+    reflection = reflection_at(bundle.world_from_vehicle[0] @ lever)[:3, :3]
+    finite = np.isfinite(uncertainty.point_m2).all(axis=(1, 2))
+    point_m2 = uncertainty.point_m2.copy()
+    shift_m = mirror.xyz_m[finite] - bundle.xyz_m[finite]
+    image_m2 = reflection @ point_m2[finite] @ reflection + _outer(shift_m)
+    point_m2[finite] = (1 - probability) * point_m2[finite] + probability * image_m2
+    pose = (1 - probability) * uncertainty.pose + probability * pose
+    return replace(uncertainty, pose=(pose + np.swapaxes(pose, 1, 2)) / 2, point_m2=point_m2)
+
+
+def warn_of_mirror(uncertainty: Uncertainty, bundle: Bundle, mirror: Mirror) -> tuple[Diagnostic, ...]:
+    """Report the mirror ambiguity where the two images are significantly different.
+
+    Args:
+        uncertainty: within one image, not inflated.
+        bundle: the image that is shown.
+        mirror: the other one.
     """
     if not mirror.probability:
         return ()
-    apart, _ = compare_poses(bundle.world_from_vehicle, mirror.world_from_vehicle)
-    far = np.einsum("ni,nij,nj->n", apart, np.linalg.pinv(uncertainty.pose, hermitian=True), apart) > FAR**2
+    distance, _ = compare_poses(bundle.world_from_vehicle, mirror.world_from_vehicle)
+    inverse = np.linalg.pinv(uncertainty.pose, hermitian=True)
+    far = np.einsum("ni,nij,nj->n", distance, inverse, distance) > MIN_DISTANCE_SIGMAS**2
     if not far[1:].any():
         return ()
-    turn_deg = float(np.rad2deg(np.abs(apart[:, :3]).max()))
-    shift_m = float(np.linalg.norm(apart[:, 3:], axis=1).max())
+    turn_deg = float(np.rad2deg(np.abs(distance[:, :3]).max()))
+    shift_m = float(np.linalg.norm(distance[:, 3:], axis=1).max())
     message = (
-        f"the scene and its mirror image at the sonar's first plane explain the measurements alike (probability of the "
-        f"image not shown: {mirror.probability:.2g}): heights, roll and pitch may have the other sign; up to "
-        f"{turn_deg:.2g} deg and {shift_m:.2g} m lie between the two, and the sigmas include that; depth, attitude, "
-        "odometry or backend.scene (below or above the sonar) would tell"
+        "the scene and its mirror image at the first sonar frame's plane explain the measurements equally well "
+        f"(probability of the image not shown: {mirror.probability:.2g}): heights, roll and pitch may have the other "
+        f"sign; the two differ by up to {turn_deg:.2g} deg and {shift_m:.2g} m, and the sigmas include that; depth, "
+        "attitude, odometry or backend.scene (below or above the sonar) would decide"
     )
     return (Diagnostic("mirror-ambiguity", message),)
 
 
 def compare_poses(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Give the motions from poses (N, 4, 4) to others, in the first one's tangent space as covariances are.
+    """Compute the motions from some poses to others, in the tangent space of the first ones.
+
+    Args:
+        first: (N, 4, 4) poses.
+        second: (N, 4, 4) poses.
 
     Returns:
-        (N, 6) rotation and translation, GTSAM's logarithm; (N, 6, 6) how they change with small motions of the others.
+        (N, 6) rotation and translation (GTSAM's logarithm), and (N, 6, 6) their derivative by the second poses.
     """
     motion = [gtsam.Pose3(step) for step in invert(first) @ second]
-    apart = np.array([gtsam.Pose3.Logmap(step) for step in motion]).reshape(-1, 6)
-    carry = np.array([gtsam.Pose3.LogmapDerivative(vector) for vector in apart]).reshape(-1, 6, 6)
-    return apart, carry
+    distance = np.array([gtsam.Pose3.Logmap(step) for step in motion]).reshape(-1, 6)
+    jacobian = np.array([gtsam.Pose3.LogmapDerivative(vector) for vector in distance]).reshape(-1, 6, 6)
+    return distance, jacobian
 
 
 def _is_undecided(probability: float) -> bool:
-    return UNDECIDED <= probability <= 1 - UNDECIDED
+    return MIN_UNDECIDED_PROBABILITY <= probability <= 1 - MIN_UNDECIDED_PROBABILITY
 
 
-def _square(vectors: FloatArray) -> FloatArray:
+def _outer(vectors: FloatArray) -> FloatArray:
     return vectors[..., :, None] * vectors[..., None, :]
 
 
-def _rises_with_range(solution: Solution) -> float:
-    """Covariance of range and elevation over the used observations: positive where what is far lies higher."""
+def _range_elevation_covariance(solution: Solution) -> float:
+    """Return the covariance of range and elevation of the used observations: positive if far points lie higher."""
     tracks, used = solution.tracks, solution.observed
     if not used.any():
         return 0.0
-    elevation_rad = observed_elevations(solution.problem, solution.bundle.world_from_vehicle, solution.bundle.xyz_m)[
-        used
-    ]
+    bundle = solution.bundle
+    elevation_rad = observed_elevations(solution.problem, bundle.world_from_vehicle, bundle.xyz_m)[used]
     range_m = tracks.range_m[used]
     return float(np.mean((range_m - range_m.mean()) * elevation_rad))
 
 
-def _take(solution: Solution, mirror: Mirror) -> Bundle:
-    """Make a bundle of the other image: its measurements are the same, and its points lie in the beam as well."""
+def _mirrored_bundle(solution: Solution, mirror: Mirror) -> Bundle:
+    """Return the bundle of the mirror image: the same measurements, aperture priors at its own elevations."""
     bundle = solution.bundle
     graph = bundle.measured.clone()
     add_aperture_priors(graph, solution.problem, mirror.world_from_vehicle, mirror.xyz_m)

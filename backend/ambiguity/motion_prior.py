@@ -1,4 +1,4 @@
-"""The motion prior of a sonar without odometry, loosened once the poses are about right."""
+"""Motion prior of a sonar without odometry: widened after convergence, and covariances stated with the wider prior."""
 
 from dataclasses import replace
 
@@ -15,62 +15,77 @@ from asfm.navigation.sensor_constraints import SensorConstraints
 from asfm.sequence import Sequence
 from asfm.types import FloatArray
 
-SPAN = 10
-"""Frames over which the motion is looked at."""
+SPAN_FRAMES = 10
+"""Frames over which the size of the motion is estimated."""
 
 
 def widen_motion_prior(solution: Solution, sequence: Sequence, config: Config) -> Solution:
-    """Adjust once more with a motion prior that the turns found so far do not strain.
+    """Adjust once more with a motion prior as wide as the estimated rotations.
 
-    The prior that the vehicle moves little must be tight as long as poses are far from the truth: else they settle
-    where they should not. At the end it does harm: it counts the steps as independent, but vehicles turn on for many
-    frames, and what is slow (roll, pitch) is drawn towards zero by many sigmas of what is then stated.
+    The prior that the vehicle moves little must be tight while poses are far from the truth, or they converge to a
+    wrong optimum. After convergence it biases the result: it treats steps as independent, but vehicles rotate on for
+    many frames, and slow roll and pitch are pulled towards zero by many stated sigmas. A solution with odometry is
+    returned unchanged: its steps are measurements.
 
-    Solutions with odometry are left as they are: their steps are measurements.
+    Args:
+        solution: converged, with the tight prior.
+        sequence: as for :func:`solve_tracks`.
+        config: as for :func:`solve_tracks`.
     """
     sensors = solution.problem.sensors
     if sensors.measured or not len(sensors.steps) or not solution.observed.any():
         return solution
     poses = solution.bundle.world_from_vehicle
-    return solve_tracks(solution.tracks, sequence, poses, loosen_turns(sensors, poses), config)
+    return solve_tracks(solution.tracks, sequence, poses, widen_rotation_sigma(sensors, poses), config)
 
 
-def loosen_turns(sensors: SensorConstraints, world_from_vehicle: FloatArray) -> SensorConstraints:
-    """Widen the guessed steps' rotations until independent steps add up to what the turns add up to over a span.
+def widen_rotation_sigma(sensors: SensorConstraints, world_from_vehicle: FloatArray) -> SensorConstraints:
+    """Widen the rotation sigmas of the prior's steps to the size of the estimated rotations.
 
-    The sigma of a step is the root mean square of the turn over n frames, over the root of n. For independent steps
-    that is their own root mean square; for steady turns it is larger by the root of n. Translations are left as they
-    are: their prior comes from planar motions, which show the largest of them, but no rolls and pitches.
+    Translation sigmas are kept: they come from planar motion estimates, which include translations but no roll or
+    pitch.
 
     Args:
-        world_from_vehicle: (N, 4, 4), N > 1.
+        sensors: steps of the motion prior.
+        world_from_vehicle: (N, 4, 4) poses, N > 1.
     """
-    typical_rad, _ = measure_motion(world_from_vehicle).tolist()
-    return replace(sensors, step_sigma=np.maximum(sensors.step_sigma, [typical_rad, 0.0]))
+    rotation_rad, _ = estimate_step_sigma(world_from_vehicle).tolist()
+    return replace(sensors, step_sigma=np.maximum(sensors.step_sigma, [rotation_rad, 0.0]))
 
 
-def measure_motion(world_from_vehicle: FloatArray) -> FloatArray:
-    """Root mean square (2,) of rotation and translation over a span, each axis, as independent steps: over its root."""
-    count = min(SPAN, len(world_from_vehicle) - 1)
+def estimate_step_sigma(world_from_vehicle: FloatArray) -> FloatArray:
+    """Estimate the sigma of independent steps that add up to the motion over spans of n frames.
+
+    It is the root mean square of the motion over a span, divided by sqrt(n). For independent steps that is their own
+    root mean square; for a steady motion it is larger by sqrt(n).
+
+    Args:
+        world_from_vehicle: (N, 4, 4) poses, N > 1.
+
+    Returns:
+        (2,) rotation in rad and translation in m, each axis.
+    """
+    count = min(SPAN_FRAMES, len(world_from_vehicle) - 1)
     motion = invert(world_from_vehicle[:-count]) @ world_from_vehicle[count:]
     rotation_rad = Rotation.from_matrix(motion[:, :3, :3]).as_rotvec()
     return np.sqrt([np.mean(rotation_rad**2) / count, np.mean(motion[:, :3, 3] ** 2) / count])
 
 
 def state_prior_covariance(solution: Solution, factor: float) -> Solution:
-    """State what is known with a motion prior that the whole motion does not strain; poses and points stay.
+    """Replace the motion prior in the graph of a solution by one as wide as the motion, for covariances.
 
-    A prior tighter than the motion is steadies an estimate, but it is no knowledge: the covariances of the estimate
-    are those of the data and of a prior as wide as the motion over spans, turns and translations alike, times a factor.
+    A prior that is tighter than the motion regularises the estimate but is no information. Poses and points are kept;
+    covariances then follow from the measurements and the wide prior, in rotation and translation.
 
     Args:
-        factor: ``backend.motion_prior_factor``.
+        solution: with or without odometry; with it, it is returned unchanged.
+        factor: ``backend.motion_prior_factor``, sigma of the prior relative to the motion.
     """
     sensors, bundle = solution.problem.sensors, solution.bundle
     if sensors.measured or not len(sensors.steps):
         return solution
-    typical = factor * measure_motion(bundle.world_from_vehicle)
-    wide = replace(sensors, step_sigma=np.maximum(sensors.step_sigma, typical))
+    sigma = factor * estimate_step_sigma(bundle.world_from_vehicle)
+    wide = replace(sensors, step_sigma=np.maximum(sensors.step_sigma, sigma))
     return replace(
         solution,
         problem=replace(solution.problem, sensors=wide),
@@ -81,7 +96,7 @@ def state_prior_covariance(solution: Solution, factor: float) -> Solution:
 
 
 def _replace_steps(graph: gtsam.NonlinearFactorGraph, sensors: SensorConstraints) -> gtsam.NonlinearFactorGraph:
-    """Give a copy of a graph with the sigmas of other sensors' steps."""
+    """Return a copy of a graph with the step factors of other sensor constraints."""
     changed = graph.clone()
     for index in range(changed.size()):
         factor = changed.at(index)

@@ -1,14 +1,13 @@
-"""Twisted solutions: mirrored from some frame on, and how they are found and set right.
+"""Partially mirrored solutions: detect the frame where the reflection flips, mirror the rest and optimise again.
 
-A scene and its mirror image look the same to the sonar (see :mod:`asfm.backend.ambiguity.mirror_ambiguity`). Where for
-some frames the motion hardly tells elevations, an optimisation that has begun with one image can go on with the
-other. The two parts then fit as well as ever, and only what spans the flip fits a little worse: a local optimum that
-no small step leaves.
+A scene and its mirror image give the same sonar measurements (:mod:`asfm.backend.ambiguity.mirror_ambiguity`). Where
+the motion of some frames hardly constrains elevations, an optimisation may continue with the other image from there
+on. Both parts then fit well, and only tracks that span the flip fit slightly worse: a local optimum.
 """
 
 import numpy as np
 
-from asfm.backend.ambiguity.mirror_ambiguity import reflect_after
+from asfm.backend.ambiguity.reflection import reflect_after
 from asfm.backend.estimation.residual_gate import GUESSED_SLACK, ResidualGate, make_residual_gate
 from asfm.backend.estimation.solution import Solution, correlated_variance, solve_tracks
 from asfm.backend.estimation.triangulation import squared_residuals, triangulate_tracks
@@ -17,89 +16,113 @@ from asfm.geometry.poses import invert
 from asfm.sequence import Sequence
 from asfm.types import FloatArray, IntArray, Tracks
 
-STRIDE = 4
-"""Frames between two that are tried: a flip takes place over several."""
-MOST_TRACKS = 30
-"""Tracks that a frame is judged by: those that reach farthest to both sides."""
-ELEVATIONS = 9
-"""Fewer than triangulation tries by default: misfits are only compared."""
+FRAME_STRIDE = 4
+"""Every so many frames one is tested: a flip extends over several."""
+MAX_TRACKS = 30
+"""Tracks by which a frame is tested: those that extend farthest to both sides."""
+ELEVATION_COUNT = 9
+"""Elevations tried in triangulation, fewer than by default: residuals are only compared."""
 MIN_DEPTH = 0.05
-"""How far the relative misfit must fall below what lies to both sides to count as a dip, not as chance."""
-LEAST_ODDS = 9.2
-"""Logarithm of the odds from which on another solution is taken: 10,000 to 1. Features that slide err alike in many
-tracks, which no noise model here knows of; lesser odds have been seen to mislead."""
-NEAREST_END = 2
-"""Frames before the first and after the last one that is tried."""
+"""Depth of a local minimum of the relative residual below its surroundings to be significant."""
+MIN_LOG_ODDS = 9.2
+"""Logarithm of the odds at which another solution is accepted: 10,000 to 1. Features that slide along edges have errors
+in common over many tracks, which the noise model does not include; lower thresholds accepted wrong solutions."""
+MIN_FRAMES_TO_END = 2
+"""Frames before the first and after the last one that is tested."""
 
 
 def correct_partial_mirroring(solution: Solution, sequence: Sequence, config: Config) -> Solution:
-    """Mirror the frames after the likeliest flip, adjust, and keep what fits better.
+    """Mirror the frames after the most likely flip, optimise, and return the better solution.
 
-    Odometry, depth or attitude tell the images of every frame apart: with them, solutions are left as they are.
+    With odometry, depth or attitude the mirror image is excluded in every frame: the solution is returned unchanged.
+
+    Args:
+        solution: converged.
+        sequence: gives the sonar and its lever arm.
+        config: as for :func:`solve_tracks`.
     """
     sensors = solution.problem.sensors
     if sensors.measured or len(sensors.z_roll_pitch) or not solution.observed.any():
         return solution
     tracks, poses = solution.tracks, solution.bundle.world_from_vehicle
     residual_gate = make_residual_gate(tracks, sequence, sensors, config)
-    frames, misfit = scan_mirror_frames(tracks, poses, sequence, residual_gate)
-    flip = find_local_minimum(frames, misfit)
+    frames, increase = scan_mirror_frames(tracks, poses, sequence, residual_gate)
+    flip = find_local_minimum(frames, increase)
     if flip is None:
         return solution
-    turned = reflect_after(poses, flip, sequence.vehicle_from_sonar)
-    other = solve_tracks(tracks, sequence, turned, sensors, config)
-    odds = compare_fits(solution, other, sequence, residual_gate, config.backend.track_correlation)
-    return other if odds > LEAST_ODDS else solution
+    mirrored = reflect_after(poses, flip, sequence.vehicle_from_sonar)
+    other = solve_tracks(tracks, sequence, mirrored, sensors, config)
+    log_odds = compare_fits(solution, other, sequence, residual_gate, config.backend.track_correlation)
+    return other if log_odds > MIN_LOG_ODDS else solution
 
 
 def scan_mirror_frames(
     tracks: Tracks, world_from_vehicle: FloatArray, sequence: Sequence, residual_gate: ResidualGate
 ) -> tuple[IntArray, FloatArray]:
-    """Measure by how much worse tracks fit when the poses after a frame are mirrored.
+    """Compute the relative increase of residuals when the poses after a frame are mirrored, for a grid of frames.
+
+    Args:
+        tracks: O observations.
+        world_from_vehicle: (N, 4, 4) poses.
+        sequence: gives the sonar and its lever arm.
+        residual_gate: sigmas and truncation of the residuals.
 
     Returns:
-        (F,) the frames that were tried, (F,) the added misfit over that of the same tracks without.
+        (F,) tested frames, and (F,) increase of the squared residuals of the tracks that span each, relative to those
+        without mirroring.
     """
     first, last = _frame_span(tracks)
-    frames, misfit = [], []
-    for frame in range(NEAREST_END, len(world_from_vehicle) - NEAREST_END - 1, STRIDE):
+    frames, increase = [], []
+    for frame in range(MIN_FRAMES_TO_END, len(world_from_vehicle) - MIN_FRAMES_TO_END - 1, FRAME_STRIDE):
         spanning = np.flatnonzero((first <= frame) & (last > frame))
         reach = np.minimum(frame + 1 - first[spanning], last[spanning] - frame)
-        chosen = spanning[np.argsort(-reach, kind="stable")[:MOST_TRACKS]]
+        chosen = spanning[np.argsort(-reach, kind="stable")[:MAX_TRACKS]]
         if not len(chosen):
             continue
-        turned = reflect_after(world_from_vehicle, frame, sequence.vehicle_from_sonar)
+        mirrored = reflect_after(world_from_vehicle, frame, sequence.vehicle_from_sonar)
         before, after = (
-            _fit_points(tracks, chosen, poses, sequence, residual_gate) for poses in (world_from_vehicle, turned)
+            _triangulation_cost(tracks, chosen, poses, sequence, residual_gate)
+            for poses in (world_from_vehicle, mirrored)
         )
         frames.append(frame)
-        misfit.append((after - before) / max(before, 1e-9))
-    return np.array(frames, dtype=np.int64), np.array(misfit)
+        increase.append((after - before) / max(before, 1e-9))
+    return np.array(frames, dtype=np.int64), np.array(increase)
 
 
-def find_local_minimum(frames: IntArray, misfit: FloatArray) -> int | None:
-    """Choose the frame of the lowest dip, if there is one.
+def find_local_minimum(frames: IntArray, increase: FloatArray) -> int | None:
+    """Return the frame of the lowest significant local minimum, or None.
 
-    Towards both ends of a sequence the misfit falls by itself, as ever fewer tracks span the frame: a dip has higher
-    values to both sides.
+    Towards both ends of a sequence the increase of the residuals falls because fewer tracks span the frame: a minimum
+    counts only with higher values on both sides.
+
+    Args:
+        frames: (F,) tested frames.
+        increase: (F,) relative increase of the residuals.
     """
-    dips = [
-        (float(misfit[index]), int(frames[index]))
+    minima = [
+        (float(increase[index]), int(frames[index]))
         for index in range(1, len(frames) - 1)
-        if misfit[index] <= min(misfit[index - 1], misfit[index + 1])
-        and min(misfit[:index].max(), misfit[index + 1 :].max()) - misfit[index] >= MIN_DEPTH
+        if increase[index] <= min(increase[index - 1], increase[index + 1])
+        and min(increase[:index].max(), increase[index + 1 :].max()) - increase[index] >= MIN_DEPTH
     ]
-    return min(dips)[1] if dips else None
+    return min(minima)[1] if minima else None
 
 
 def compare_fits(
     first: Solution, second: Solution, sequence: Sequence, residual_gate: ResidualGate, correlation: float
 ) -> float:
-    """Give the logarithm of the odds of a second solution to a first one.
+    """Compute the logarithm of the odds of a second solution against a first one.
 
-    Half the difference of their squared residuals, truncated; those of a track with n observations count as
-    1 / (1 + (n - 1) rho), as in the graph, and without the slack that triangulation gives their sigmas. Only tracks
-    that both have points of: what one of them has dropped is as likely a wrong track as a telling one.
+    It is half the difference of their truncated squared residuals. Those of a track with n observations have the
+    weight 1 / (1 + (n - 1) rho), as in the graph; the widening of the sigmas for triangulation is undone. Only tracks
+    that have a point in both solutions count: a track that one of them has dropped may be a wrong one.
+
+    Args:
+        first: solution of the same tracks as the second.
+        second: the other solution.
+        sequence: gives the lever arm.
+        residual_gate: sigmas and truncation of the residuals.
+        correlation: rho, of the errors along a track.
     """
     tracks = first.tracks
     both = (first.bundle.in_graph & second.bundle.in_graph)[tracks.track]
@@ -109,17 +132,17 @@ def compare_fits(
 
 
 def _square_residuals(solution: Solution, sequence: Sequence, residual_gate: ResidualGate) -> FloatArray:
-    """Squared residual of every observation, how far it lies outside the beam included, truncated: (O,)."""
+    """Compute truncated squared residuals, with the violation of the elevation aperture included: (O,)."""
     tracks, bundle, gate = solution.tracks, solution.bundle, residual_gate.gate
     sonar_from_world = invert(bundle.world_from_vehicle @ sequence.vehicle_from_sonar)[tracks.frame]
     square, _ = squared_residuals(bundle.xyz_m, tracks, sonar_from_world, residual_gate.sigma, gate)
     return np.minimum(square, gate.truncation**2)
 
 
-def _fit_points(
+def _triangulation_cost(
     tracks: Tracks, chosen: IntArray, world_from_vehicle: FloatArray, sequence: Sequence, residual_gate: ResidualGate
 ) -> float:
-    """Triangulate some tracks and sum their truncated squared residuals."""
+    """Triangulate the chosen tracks and sum their truncated squared residuals."""
     used = np.isin(tracks.track, chosen)
     found = triangulate_tracks(
         tracks.select(used),
@@ -127,13 +150,13 @@ def _fit_points(
         sequence.sonar,
         residual_gate.sigma[used],
         residual_gate.gate,
-        ELEVATIONS,
+        ELEVATION_COUNT,
     )
     return float(np.minimum((found.residual**2).sum(axis=1), residual_gate.gate.truncation**2).sum())
 
 
 def _frame_span(tracks: Tracks) -> tuple[IntArray, IntArray]:
-    """First and last frame of each track, (T,) each; observations are sorted by track and frame."""
+    """Return the first and last frame of each track, (T,) each; observations are sorted by track and frame."""
     begins = np.flatnonzero(np.diff(tracks.track, prepend=-1))
     ends = np.append(begins[1:], len(tracks)) - 1
     return tracks.frame[begins], tracks.frame[ends]

@@ -1,4 +1,4 @@
-"""What the poses rest on: which frames the sonar tied together, and what held the others."""
+"""Connectivity: which consecutive frames share enough landmarks, and a warning of the steps that do not."""
 
 import numpy as np
 
@@ -9,32 +9,43 @@ from asfm.sequence import Sequence
 from asfm.types import BoolArray
 
 MIN_LINKS = 3
-"""Fewest landmarks that two parts of a trajectory must share to be tied together."""
+"""Landmarks that the parts of a trajectory before and after a step must share to count as connected."""
 
 
 def warn_of_disconnected_steps(sequence: Sequence, solution: Solution, config: Config) -> tuple[Diagnostic, ...]:
-    """Report the steps between consecutive frames that too few landmarks span."""
+    """Report the steps between consecutive frames that fewer than :data:`MIN_LINKS` landmarks span.
+
+    Args:
+        sequence: N frames.
+        solution: tracks and the observations used.
+        config: whether odometry is used.
+    """
     if len(sequence) == 1:
         return (Diagnostic("single-frame", "the sequence has one frame: nothing to reconstruct, its pose is held"),)
-    loose = ~connected_steps(solution, len(sequence))
-    if not loose.any():
+    disconnected = ~connected_steps(solution, len(sequence))
+    if not disconnected.any():
         return ()
-    runs = step_runs(loose)
-    stand_in = "odometry" if sequence.odometry is not None and config.backend.use_odometry else "the last pose"
-    if loose.all():
-        message = f"no two frames share {MIN_LINKS} landmarks: all {len(sequence)} poses are held by {stand_in}"
+    runs = step_runs(disconnected)
+    substitute = "odometry" if sequence.odometry is not None and config.backend.use_odometry else "the last pose"
+    if disconnected.all():
+        message = f"no two frames share {MIN_LINKS} landmarks: all {len(sequence)} poses are held by {substitute}"
     else:
         message = (
-            f"{int(loose.sum())} of {len(loose)} steps are not supported by the sonar (fewer than {MIN_LINKS} shared "
-            f"landmarks): the poses are held by {stand_in} between frames {format_runs(runs)}"
+            f"{int(disconnected.sum())} of {len(disconnected)} steps are not supported by the sonar (fewer than "
+            f"{MIN_LINKS} shared landmarks): the poses are held by {substitute} between frames {format_runs(runs)}"
         )
     return (Diagnostic("unsupported-steps", message, runs),)
 
 
 def connected_steps(solution: Solution, frame_count: int) -> BoolArray:
-    """Tell which steps from a frame to the next are spanned by enough landmarks: (N - 1,).
+    """Find the steps that at least :data:`MIN_LINKS` landmarks span, with observations used before and after.
 
-    A landmark spans a step when it is used both before and after it.
+    Args:
+        solution: tracks and the observations used.
+        frame_count: N.
+
+    Returns:
+        (N - 1,) whether each step from a frame to the next is connected.
     """
     used = solution.observed
     track, frame = solution.tracks.track[used], solution.tracks.frame[used]

@@ -1,4 +1,4 @@
-"""The factor graph of a reconstruction: built from tracks and sensors, optimised, and asked for its covariances."""
+"""Bundle adjustment: factor graph of poses and points, optimised inside the elevation aperture (active set)."""
 
 from dataclasses import dataclass
 
@@ -25,80 +25,101 @@ from asfm.backend.graph.problem import FIRST_POINT, FIRST_POSE, BundleProblem
 from asfm.navigation.sensor_constraints import SensorConstraints
 from asfm.types import BoolArray, FloatArray
 
-ITERATIONS_BETWEEN_CHECKS = 4
-"""Steps of Levenberg-Marquardt before it is looked again which points have left the beam."""
+ITERATIONS_PER_CHECK = 4
+"""Iterations of Levenberg-Marquardt between two updates of the active set."""
 MAX_CHECKS = 15
-PROXIMITY = 1.0
-"""How far a point's elevation moves between two checks, over half the aperture: elevations that nothing tells would
-leave the beam in one step."""
+"""Updates of the active set at most."""
+PROXIMAL_SIGMA = 1.0
+"""Sigma of the proximal term on a point's elevation, as a multiple of half the aperture."""
 
 
 @dataclass(frozen=True)
 class Bundle:
-    """The optimum of a graph."""
+    """Optimum of a factor graph."""
 
     world_from_vehicle: FloatArray
-    """(N, 4, 4)"""
+    """(N, 4, 4) poses."""
     xyz_m: FloatArray
-    """(T, 3) points in the world; those of tracks without a factor keep their initial value."""
+    """(T, 3) points in the world frame; those of tracks without a factor keep their initial value."""
     in_graph: BoolArray
-    """(T,) which tracks have factors."""
+    """(T,) whether each track has factors."""
     graph: gtsam.NonlinearFactorGraph
-    """What the covariances follow from: the measurements, and once a point that it lies in the beam. The pulls that
-    held points inside during the optimisation are left out: a bound met many times is not many measurements."""
+    """Graph for covariances: the measurements, and one aperture prior per point. The factors of the active set are
+    not part of it: a bound that many observations reach is one piece of information, not many."""
     measured: gtsam.NonlinearFactorGraph
-    """The measurements alone."""
+    """Graph of the measurements alone."""
     values: gtsam.Values
+    """The poses and points of the graph, as GTSAM takes them."""
 
 
 def adjust_bundle(
-    problem: BundleProblem, world_from_vehicle: FloatArray, xyz_m: FloatArray, settled: float = 1e-3
+    problem: BundleProblem, world_from_vehicle: FloatArray, xyz_m: FloatArray, relative_tolerance: float = 1e-3
 ) -> Bundle:
-    """Optimise all poses and points at once, by Levenberg-Marquardt with Cauchy kernels on the sonar's factors.
-
-    Points must stay inside the beam. That is an inequality, so it is kept as an active set: every few iterations,
-    points that have left the elevation aperture are moved to its edge, and the observations that saw them outside get a
-    factor that pulls them there. Between two such checks a point's elevation may move by about half the aperture
-    (a proximal term, which vanishes at the optimum): else the elevations that little tells would be thrown out of the
-    beam in one step and bring their poses along.
+    """Optimise all poses and points jointly by Levenberg-Marquardt, with Cauchy kernels on the sonar's factors.
 
     Args:
-        problem: what is known.
+        problem: measurements with their sigmas.
         world_from_vehicle: (N, 4, 4) initial poses.
         xyz_m: (T, 3) initial points, world frame.
-        settled: relative change of the cost between two checks below which the optimum counts as reached.
+        relative_tolerance: relative change of the cost between two updates of the active set below which the
+            optimisation ends.
     """
-    graph = gtsam.NonlinearFactorGraph()
-    _add_sensor_factors(graph, problem.sensors, world_from_vehicle)
-    _add_sonar_factors(graph, problem)
+    measured = gtsam.NonlinearFactorGraph()
+    _add_sensor_factors(measured, problem.sensors, world_from_vehicle)
+    _add_sonar_factors(measured, problem)
     in_graph = np.zeros(len(xyz_m), dtype=bool)
     in_graph[problem.tracks.track[problem.observed]] = True
-    poses, points = world_from_vehicle, xyz_m
+    values = _optimise_in_aperture(measured, problem, world_from_vehicle, xyz_m, in_graph, relative_tolerance)
+    poses, points = _read_values(values, len(world_from_vehicle), xyz_m, in_graph)
+    graph = measured.clone()
+    add_aperture_priors(graph, problem, poses, points)
+    return Bundle(poses, points, in_graph, graph, measured, values)
+
+
+def _optimise_in_aperture(
+    measured: gtsam.NonlinearFactorGraph,
+    problem: BundleProblem,
+    poses: FloatArray,
+    points: FloatArray,
+    in_graph: BoolArray,
+    relative_tolerance: float,
+) -> gtsam.Values:
+    """Optimise under the constraint that points lie in the elevation aperture, by an active set of bounds.
+
+    Every few iterations the points outside the aperture are moved to its edge, and the observations that see them
+    outside get a factor at the edge. A proximal term limits how far an elevation moves between two such updates to
+    about half the aperture, and vanishes at the optimum: without it a weakly observed elevation would leave the
+    aperture in one step and move the poses along.
+    """
     cost = np.inf
     middle = middle_observations(problem)
     for check in range(MAX_CHECKS):
         cost_before = cost
         outside, edge_rad = aperture_violations(problem, poses, points)
         points = clamp_to_aperture(problem, poses, points)
-        held = graph.clone()
-        add_elevation_factors(held, problem, outside, edge_rad, EDGE_RAD)
-        kept = held.clone()
+        bounded = measured.clone()
+        add_elevation_factors(bounded, problem, outside, edge_rad, EDGE_RAD)
+        proximal = bounded.clone()
         elevation_rad = observed_elevations(problem, poses, points)
-        add_elevation_factors(kept, problem, middle, elevation_rad, PROXIMITY * problem.half_aperture_rad)
-        values = _optimise(kept, make_values(poses, points, in_graph))
+        add_elevation_factors(proximal, problem, middle, elevation_rad, PROXIMAL_SIGMA * problem.half_aperture_rad)
+        values = _optimise(proximal, make_values(poses, points, in_graph))
         poses, points = _read_values(values, len(poses), points, in_graph)
-        cost = held.error(values)
-        if check > 0 and abs(cost_before - cost) <= settled * cost:
+        cost = bounded.error(values)
+        if check > 0 and abs(cost_before - cost) <= relative_tolerance * cost:
             break
-    measured = graph.clone()
-    add_aperture_priors(graph, problem, poses, points)
-    return Bundle(poses, points, in_graph, graph, measured, values)
+    return values
 
 
 def _add_sensor_factors(
     graph: gtsam.NonlinearFactorGraph, sensors: SensorConstraints, world_from_vehicle: FloatArray
 ) -> None:
-    """Add what the sensors say; the poses, (N, 4, 4), give the heading that tells roll from pitch."""
+    """Add the prior on the first pose, the steps, depth and attitude.
+
+    Args:
+        graph: is changed in place.
+        sensors: constraints on N frames.
+        world_from_vehicle: (N, 4, 4) poses whose heading separates roll from pitch in the attitude factors.
+    """
     noise = gtsam.noiseModel.Gaussian.Covariance(sensors.first_covariance)
     graph.add(gtsam.PriorFactorPose3(FIRST_POSE, gtsam.Pose3(sensors.first_pose), noise))
     for index, (step, sigma) in enumerate(zip(sensors.steps, sensors.step_sigma.tolist(), strict=True)):
@@ -112,6 +133,7 @@ def _add_sensor_factors(
 
 
 def _add_sonar_factors(graph: gtsam.NonlinearFactorGraph, problem: BundleProblem) -> None:
+    """Add a bearing and a range factor for each used observation."""
     tracks, observed = problem.tracks, problem.observed
     lever_arm = gtsam.Pose3(problem.vehicle_from_sonar)
     for pose, point, range_m, bearing_rad, (range_sigma, bearing_sigma) in zip(
@@ -127,7 +149,13 @@ def _add_sonar_factors(graph: gtsam.NonlinearFactorGraph, problem: BundleProblem
 
 
 def make_values(world_from_vehicle: FloatArray, xyz_m: FloatArray, in_graph: BoolArray) -> gtsam.Values:
-    """Give the values of a graph: (N, 4, 4) poses, and of the (T, 3) points those that are in it."""
+    """Return the values of a graph.
+
+    Args:
+        world_from_vehicle: (N, 4, 4) poses.
+        xyz_m: (T, 3) points in the world frame.
+        in_graph: (T,) which points are part of the graph.
+    """
     values = gtsam.Values()
     for index, pose in enumerate(world_from_vehicle):
         values.insert(FIRST_POSE + index, gtsam.Pose3(pose))
@@ -148,6 +176,6 @@ def _read_values(
 
 def _optimise(graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values) -> gtsam.Values:
     parameters = gtsam.LevenbergMarquardtParams()
-    parameters.setMaxIterations(ITERATIONS_BETWEEN_CHECKS)
+    parameters.setMaxIterations(ITERATIONS_PER_CHECK)
     parameters.setRelativeErrorTol(1e-5)
     return gtsam.LevenbergMarquardtOptimizer(graph, initial, parameters).optimize()

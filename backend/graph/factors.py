@@ -1,9 +1,9 @@
-"""Native GTSAM factors for what a sonar, an odometer, a depth and an attitude sensor measure.
+"""GTSAM factors: sonar range, bearing and elevation, odometry steps, depth and attitude.
 
-GTSAM's own BearingRangeFactor3D is wrong for sonar with anisotropic noise (its tangent basis swaps azimuth and
-elevation), and a CustomFactor in Python is tens of times slower than a native one. A beam is therefore modelled as a
-unit camera that looks along it: the horizontal image coordinate of a point is the tangent of its bearing error, the
-vertical one tan(elevation) / cos(bearing error), which is left almost free because the elevation is not measured.
+All are native: a CustomFactor in Python is tens of times slower. GTSAM's BearingRangeFactor3D is not used because with
+anisotropic noise its tangent basis swaps azimuth and elevation where the azimuth is the smaller. Bearing and elevation
+are measured by a unit pinhole camera that looks along the beam: the horizontal image coordinate of a point is the
+tangent of its bearing error, the vertical one is tan(elevation) / cos(bearing error).
 """
 
 import gtsam
@@ -12,20 +12,30 @@ import numpy as np
 from asfm.types import FloatArray
 
 UNKNOWN_ELEVATION_SIGMA = 1e2
-"""Standard deviation of tan(elevation): says that the elevation is not measured."""
-NOTHING_KNOWN_RAD = 1e2
-"""Standard deviation of an angle that was not measured."""
+"""Standard deviation of a tangent that is not measured, such as tan(elevation) in a bearing factor."""
+UNMEASURED_SIGMA_RAD = 1e2
+"""Standard deviation of an angle that is not measured."""
+UNMEASURED_SIGMA_M = 1e4
+"""Standard deviation of a coordinate that is not measured."""
+MIN_COS_PITCH = 1e-2
+"""Lower bound of cos(pitch) in attitude factors: roll is unobservable at a pitch of 90 degrees, and the noise model
+must stay invertible."""
 UNIT_CAMERA = gtsam.Cal3_S2(1.0, 1.0, 0.0, 0.0, 0.0)
 
 
 def sonar_from_beam(bearing_rad: float) -> gtsam.Rot3:
-    """Turn a camera (x lateral, y vertical, z forward) so that it looks along the beam at a bearing."""
+    """Return the rotation from a beam camera (x lateral, y vertical, z along the beam) to the sonar frame."""
     sine, cosine = np.sin(bearing_rad), np.cos(bearing_rad)
     return gtsam.Rot3(np.array([[-sine, 0.0, cosine], [cosine, 0.0, sine], [0.0, 1.0, 0.0]]))
 
 
 def cauchy(sigmas: FloatArray, scale: float = 2.0) -> gtsam.noiseModel.Base:
-    """Make a diagonal noise model with a Cauchy kernel, which forgives observations beyond a few sigmas."""
+    """Return a diagonal noise model with a Cauchy kernel.
+
+    Args:
+        sigmas: (D,) standard deviations of the residual.
+        scale: residual in sigmas at which the kernel halves the weight.
+    """
     kernel = gtsam.noiseModel.mEstimator.Cauchy.Create(scale)
     return gtsam.noiseModel.Robust.Create(kernel, gtsam.noiseModel.Diagonal.Sigmas(sigmas))
 
@@ -33,7 +43,7 @@ def cauchy(sigmas: FloatArray, scale: float = 2.0) -> gtsam.noiseModel.Base:
 def bearing_factor(
     pose_key: int, point_key: int, bearing_rad: float, sigma_rad: float, vehicle_from_sonar: gtsam.Pose3
 ) -> gtsam.NonlinearFactor:
-    """Constrain a point to the vertical plane of a beam; the elevation stays unknown."""
+    """Constrain a point to the vertical plane of a beam; its elevation stays free."""
     vehicle_from_beam = vehicle_from_sonar.compose(gtsam.Pose3(sonar_from_beam(bearing_rad), np.zeros(3)))
     noise = cauchy(np.array([sigma_rad, UNKNOWN_ELEVATION_SIGMA]))
     return gtsam.GenericProjectionFactorCal3_S2(np.zeros(2), noise, pose_key, point_key, UNIT_CAMERA, vehicle_from_beam)
@@ -47,7 +57,7 @@ def elevation_factor(
     sigma_rad: float,
     vehicle_from_sonar: gtsam.Pose3,
 ) -> gtsam.NonlinearFactor:
-    """Pull a point to an elevation of a beam."""
+    """Constrain the elevation of a point in a beam; its bearing stays free."""
     vehicle_from_beam = vehicle_from_sonar.compose(gtsam.Pose3(sonar_from_beam(bearing_rad), np.zeros(3)))
     noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([UNKNOWN_ELEVATION_SIGMA, sigma_rad]))
     measured = np.array([0.0, np.tan(elevation_rad)])
@@ -57,43 +67,44 @@ def elevation_factor(
 def range_factor(
     pose_key: int, point_key: int, range_m: float, sigma_m: float, vehicle_from_sonar: gtsam.Pose3
 ) -> gtsam.NonlinearFactor:
-    """Constrain a point to the sphere of a range around the sonar."""
+    """Constrain the distance of a point from the sonar."""
     return gtsam.RangeFactorWithTransform3D(
         pose_key, point_key, range_m, cauchy(np.array([sigma_m])), vehicle_from_sonar
     )
 
 
 def huber(noise: gtsam.noiseModel.Base, sigmas: float = 3.0) -> gtsam.noiseModel.Base:
-    """Wrap a noise model so that readings beyond a few sigmas pull no harder than those; within, it changes nothing."""
+    """Add a Huber kernel to a noise model: linear cost beyond this many sigmas."""
     return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(sigmas), noise)
 
 
 def depth_factor(pose_key: int, z_m: float, sigma_m: float) -> gtsam.NonlinearFactor:
-    """Constrain the vehicle's height in the world; the horizontal position stays free."""
-    noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([1e4, 1e4, sigma_m]))
+    """Constrain the z of the vehicle in the world; its horizontal position stays free."""
+    noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([UNMEASURED_SIGMA_M, UNMEASURED_SIGMA_M, sigma_m]))
     return gtsam.PoseTranslationPrior3D(pose_key, np.array([0.0, 0.0, z_m]), huber(noise))
 
 
 def attitude_factor(
     pose_key: int, roll_pitch_rad: FloatArray, sigma_rad: FloatArray, yaw_rad: float
 ) -> gtsam.NonlinearFactor:
-    """Constrain roll and pitch: the world's up, seen from the vehicle, points where the attitude sensor says.
+    """Constrain roll and pitch by the direction of the world's z axis in the vehicle frame; yaw stays free.
 
-    GTSAM's residual is where that measured up points in the world, (-y, x) beside the zenith. With the heading h, an
-    error of roll moves it by cos(pitch) times the error along (cos h, sin h), an error of pitch by its own along
-    (-sin h, cos h).
+    GTSAM's residual is the horizontal part of the measured up direction in the world frame, as (-y, x). At heading h
+    an error d of the roll changes it by cos(pitch) d along (cos h, sin h), an error d of the pitch by d along
+    (-sin h, cos h): the noise model is rotated by h.
 
     Args:
-        roll_pitch_rad, sigma_rad: (2,) the reading and its standard deviations; infinite for one not measured.
-        yaw_rad: heading, which tells the two apart; some degrees of error do no harm.
+        pose_key: key of the pose.
+        roll_pitch_rad: (2,) measured angles.
+        sigma_rad: (2,) standard deviations; infinite for an angle that is not measured.
+        yaw_rad: approximate heading; an error of some degrees is harmless.
     """
     roll_rad, pitch_rad = roll_pitch_rad.tolist()
     up_in_vehicle = gtsam.Rot3.RzRyRx(roll_rad, pitch_rad, 0.0).unrotate(np.array([0.0, 0.0, 1.0]))
     sine, cosine = np.sin(yaw_rad), np.cos(yaw_rad)
-    turn = np.array([[cosine, -sine], [sine, cosine]])
-    least = 1e-2  # looking straight up or down, roll is hardly seen, but the noise model must not be singular
-    sigma = np.minimum(sigma_rad, NOTHING_KNOWN_RAD) * [max(abs(np.cos(pitch_rad)), least), 1.0]
-    noise = gtsam.noiseModel.Gaussian.Covariance(turn @ np.diag(sigma**2) @ turn.T)
+    rotation = np.array([[cosine, -sine], [sine, cosine]])
+    sigma = np.minimum(sigma_rad, UNMEASURED_SIGMA_RAD) * [max(abs(np.cos(pitch_rad)), MIN_COS_PITCH), 1.0]
+    noise = gtsam.noiseModel.Gaussian.Covariance(rotation @ np.diag(sigma**2) @ rotation.T)
     up = gtsam.Unit3(np.array([0.0, 0.0, 1.0]))
     return gtsam.AttitudeFactorPose3(pose_key, up, huber(noise), gtsam.Unit3(up_in_vehicle))
 
@@ -101,7 +112,15 @@ def attitude_factor(
 def step_factor(
     first_key: int, second_key: int, first_from_second: FloatArray, rotation_rad: float, translation_m: float
 ) -> gtsam.NonlinearFactor:
-    """Constrain the motion between two poses to a measured step (4, 4)."""
+    """Constrain the motion between two poses.
+
+    Args:
+        first_key: key of the first pose.
+        second_key: key of the second pose.
+        first_from_second: (4, 4) measured step.
+        rotation_rad: standard deviation of the rotation about each axis.
+        translation_m: standard deviation of the translation along each axis.
+    """
     sigmas = np.array([rotation_rad] * 3 + [translation_m] * 3)
     return gtsam.BetweenFactorPose3(
         first_key, second_key, gtsam.Pose3(first_from_second), gtsam.noiseModel.Diagonal.Sigmas(sigmas)

@@ -1,8 +1,7 @@
-"""How surely a bundle knows where one frame's sonar is from another's: marginal covariances of far-apart poses.
+"""Joint marginal covariance of selected poses, and the image uncertainty between them.
 
-GTSAM's joint marginals of two poses a thousand steps apart take long, and there are many pairs. The points are
-therefore eliminated by hand (Schur complement), and the sparse information of the poses is solved for the few frames
-that are asked for.
+GTSAM's joint marginals are slow for poses a thousand steps apart, and there are many pairs. The points are therefore
+marginalised by the Schur complement, and the sparse information of the poses is solved for the selected frames.
 """
 
 from dataclasses import dataclass
@@ -19,7 +18,7 @@ from asfm.types import FloatArray, IntArray
 
 @dataclass(frozen=True)
 class RelativeSigma:
-    """Standard deviations with which a frame predicts where another one's points are seen, each (F, F)."""
+    """Standard deviations of a point ahead of frame a (rows) as predicted in frame b (columns), each (F, F)."""
 
     range_m: FloatArray
     bearing_rad: FloatArray
@@ -27,11 +26,14 @@ class RelativeSigma:
 
 
 def joint_covariance(bundle: Bundle, frames: IntArray) -> FloatArray:
-    """Give the covariance of some poses, with each other: (F, F, 6, 6), rotation and translation in their frames.
+    """Compute the joint covariance of selected poses.
 
     Args:
-        bundle: an optimum; what its graph holds of other things than poses and points is eliminated as well.
-        frames: (F,) indices.
+        bundle: optimum; all other variables of its graph are marginalised out.
+        frames: (F,) indices of the frames.
+
+    Returns:
+        (F, F, 6, 6) blocks; rotation in rad and translation in m, in the frame of each vehicle.
     """
     information = marginalise_points(bundle)
     columns = (information.first_column[frames][:, None] + np.arange(6)).ravel()
@@ -42,38 +44,39 @@ def joint_covariance(bundle: Bundle, frames: IntArray) -> FloatArray:
 
 
 def predict_sigma(
-    covariance: FloatArray, world_from_vehicle: FloatArray, vehicle_from_sonar: FloatArray, reach_m: float
+    covariance: FloatArray, world_from_vehicle: FloatArray, vehicle_from_sonar: FloatArray, distance_m: float
 ) -> RelativeSigma:
-    """Tell how surely each frame predicts where the others see a point ahead of it.
+    """Predict how uncertain a point ahead of each frame is in the images of the others.
 
-    A point p that stands still moves in frame a by -(w x p + v) when that pose is disturbed by a turn w and a shift v.
+    Disturbing the pose of a frame by a rotation w and a translation v moves a fixed point p in that frame by
+    -(w x p + v).
 
     Args:
         covariance: (F, F, 6, 6) of :func:`joint_covariance`.
-        world_from_vehicle: (F, 4, 4).
-        vehicle_from_sonar: (4, 4).
-        reach_m: how far ahead of the sonar the point lies.
+        world_from_vehicle: (F, 4, 4) poses.
+        vehicle_from_sonar: (4, 4) lever arm.
+        distance_m: distance of the point from the sonar, straight ahead.
     """
-    ahead = transform(vehicle_from_sonar, np.array([reach_m, 0.0, 0.0]))
+    ahead = transform(vehicle_from_sonar, np.array([distance_m, 0.0, 0.0]))
     in_world = transform(world_from_vehicle, ahead)
     in_vehicle = transform(invert(world_from_vehicle)[None, :], in_world[:, None])  # (a, b, 3): a's point seen from b
-    turned = world_from_vehicle[:, :3, :3]
-    of_a = np.einsum("aij,ajk->aik", turned, _disturb(np.broadcast_to(ahead, in_world.shape)))
-    of_b = np.einsum("bij,abjk->abik", turned, _disturb(in_vehicle))
-    diagonal = covariance[np.arange(len(turned)), np.arange(len(turned))]
+    rotation = world_from_vehicle[:, :3, :3]
+    of_a = np.einsum("aij,ajk->aik", rotation, _point_jacobian(np.broadcast_to(ahead, in_world.shape)))
+    of_b = np.einsum("bij,abjk->abik", rotation, _point_jacobian(in_vehicle))
+    diagonal = covariance[np.arange(len(rotation)), np.arange(len(rotation))]
     both = np.einsum("aik,akl,ajl->aij", of_a, diagonal, of_a)[:, None]
     both = both + np.einsum("abik,bkl,abjl->abij", of_b, diagonal, of_b, optimize=True)
     cross = np.einsum("aik,abkl,abjl->abij", of_a, covariance, of_b, optimize=True)
     both = both - cross - np.swapaxes(cross, -1, -2)
     seen = transform(invert(vehicle_from_sonar), in_vehicle)
-    axes = np.einsum("bij,abjk->abik", turned @ vehicle_from_sonar[:3, :3], _image_axes(seen))
+    axes = np.einsum("bij,abjk->abik", rotation @ vehicle_from_sonar[:3, :3], _image_axes(seen))
     sigma = np.sqrt(np.maximum(np.einsum("abik,abij,abjk->abk", axes, both, axes, optimize=True), 0))
     range_m = np.maximum(project(seen)[0], 1e-9)
     return RelativeSigma(sigma[..., 0], sigma[..., 1] / range_m, sigma[..., 2] / range_m)
 
 
-def _disturb(xyz_m: FloatArray) -> FloatArray:
-    """Differentiate where points of a frame are in the world's directions by its pose: (..., 3, 6), turn and shift."""
+def _point_jacobian(xyz_m: FloatArray) -> FloatArray:
+    """Differentiate (..., 3) points fixed in a vehicle by its pose, rotation and translation: (..., 3, 6)."""
     x, y, z = np.moveaxis(xyz_m, -1, 0)
     zero, one = np.zeros_like(x), np.ones_like(x)
     rows = [
@@ -85,7 +88,7 @@ def _disturb(xyz_m: FloatArray) -> FloatArray:
 
 
 def _image_axes(xyz_m: FloatArray) -> FloatArray:
-    """Give the directions of growing range, bearing and elevation at points of the sonar frame: (..., 3, 3) columns."""
+    """Compute the unit vectors of range, bearing and elevation at (..., 3) points: (..., 3, 3), one a column."""
     _, bearing_rad, elevation_rad = project(xyz_m)
     cb, sb, ce, se = np.cos(bearing_rad), np.sin(bearing_rad), np.cos(elevation_rad), np.sin(elevation_rad)
     zero = np.zeros_like(cb)

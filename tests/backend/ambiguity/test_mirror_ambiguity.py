@@ -1,4 +1,4 @@
-"""What the sonar alone cannot tell from its mirror image is found, weighed and counted in what is stated."""
+"""Mirror ambiguity: reflection, choice of the image, and covariances over both images."""
 
 from dataclasses import replace
 
@@ -11,9 +11,9 @@ from asfm.backend.ambiguity.mirror_ambiguity import (
     choose_mirror,
     find_mirror,
     inflate_for_mirror,
-    reflect,
     warn_of_mirror,
 )
+from asfm.backend.ambiguity.reflection import reflect
 from asfm.backend.estimation.solution import Solution
 from asfm.backend.graph.bundle_adjustment import Bundle, adjust_bundle
 from asfm.backend.graph.marginal_covariance import Uncertainty, measure_uncertainty
@@ -33,7 +33,7 @@ SIGMA = np.array([0.01, 0.005])
 
 
 def make_poses() -> FloatArray:
-    """(N, 4, 4) from the identity on, with rolls of some twenty degrees and little height."""
+    """Make (N, 4, 4) poses from the identity on, with rolls of some twenty degrees and little change of height."""
     along = np.arange(FRAMES)
     angles = np.stack([0.2 * np.sin(along / 9), 0.05 * np.sin(along / 5), 0.4 * np.sin(along / 6)], axis=1)
     position = np.stack([0.01 * along, 0.03 * along, 0.1 * np.sin(along / 6)], axis=1)
@@ -41,13 +41,13 @@ def make_poses() -> FloatArray:
 
 
 def make_sensors(poses: FloatArray, kind: str) -> SensorConstraints:
-    """Steps of the true motion where there is odometry, else a prior that the vehicle moves little; or attitudes."""
+    """Make true steps for "odometry", else a prior of little motion, with depth and attitude for "attitude"."""
     sequence = Sequence("made up", SONAR, np.arange(FRAMES, dtype=float), no_frame, LEVER_ARM)
     measured = kind == "odometry"
     held = poses if measured else np.repeat(poses[:1], FRAMES, axis=0)
     steps = np.tile([0.005, 0.01] if measured else [0.2, 0.2], (FRAMES - 1, 1))
     sensors = make_constraints(sequence, held, steps, measured)
-    if kind != "levels":
+    if kind != "attitude":
         return sensors
     _, pitch, roll = Rotation.from_matrix(poses[:, :3, :3]).as_euler("ZYX").T
     read = np.stack([poses[:, 2, 3], roll, pitch], axis=1)
@@ -55,10 +55,10 @@ def make_sensors(poses: FloatArray, kind: str) -> SensorConstraints:
 
 
 def make_solution(kind: str = "alone", seed: int = 0, slope: float = 0.1) -> tuple[Solution, FloatArray, FloatArray]:
-    """Adjust a scene whose points lie the higher the farther they are, from the truth on.
+    """Adjust a scene whose points rise with their distance by a slope, with the truth as initial values.
 
     Returns:
-        the solution, the true poses (N, 4, 4) and the true points (T, 3).
+        The solution, (N, 4, 4) true poses and (T, 3) true points.
     """
     rng = np.random.default_rng(seed)
     poses = make_poses()
@@ -80,8 +80,8 @@ def make_solution(kind: str = "alone", seed: int = 0, slope: float = 0.1) -> tup
     return Solution(tracks, observed, bundle, problem, np.ones(tracks.count)), poses, points
 
 
-def show_other(solution: Solution) -> Solution:
-    """Put the mirror image into a solution's place."""
+def mirror_solution(solution: Solution) -> Solution:
+    """Return the mirror image of a solution."""
     poses, points = reflect(solution.bundle.world_from_vehicle, solution.bundle.xyz_m, LEVER_ARM)
     values = gtsam.Values()
     for index, pose in enumerate(poses):
@@ -92,19 +92,19 @@ def show_other(solution: Solution) -> Solution:
 
 
 def adjust(solution: Solution) -> Solution:
-    """Optimise once more from where a solution is."""
+    """Optimise again from a solution."""
     bundle = solution.bundle
     return replace(solution, bundle=adjust_bundle(solution.problem, bundle.world_from_vehicle, bundle.xyz_m))
 
 
-def state(solution: Solution) -> Uncertainty:
+def inflated(solution: Solution) -> Uncertainty:
     return inflate_for_mirror(
         measure_uncertainty(solution.bundle, solution.elevation_information_ratio), solution, find_mirror(solution)
     )
 
 
-def square_errors(bundle: Bundle, covariance: FloatArray, truth: FloatArray) -> float:
-    """Mean over the frames but the first of e' C^-1 e / 6."""
+def pose_nees(bundle: Bundle, covariance: FloatArray, truth: FloatArray) -> float:
+    """Return the mean of e' C^-1 e / 6 over all frames but the first."""
     return float(
         np.mean(
             [
@@ -116,23 +116,8 @@ def square_errors(bundle: Bundle, covariance: FloatArray, truth: FloatArray) -> 
     )
 
 
-def test_the_sonar_measures_the_same_in_the_mirror() -> None:
-    rng = np.random.default_rng(1)
-    poses, points = make_poses(), rng.uniform(-5, 5, (30, 3))
-    image, mirrored = reflect(poses, points, LEVER_ARM)
-    here = project(transform(invert(poses @ LEVER_ARM), points[:, None]))
-    there = project(transform(invert(image @ LEVER_ARM), mirrored[:, None]))
-    for one, other, sign in zip(here, there, (1, 1, -1), strict=True):
-        np.testing.assert_allclose(other, sign * one, atol=1e-12)
-    np.testing.assert_array_equal(image[0], poses[0])
-    assert np.linalg.norm(image[-1] - poses[-1]) > 0.1
-    back, again = reflect(image, mirrored, LEVER_ARM)
-    np.testing.assert_allclose(back, poses, atol=1e-12)
-    np.testing.assert_allclose(again, points, atol=1e-12)
-
-
-@pytest.mark.parametrize(("kind", "expected"), [("alone", 0.5), ("odometry", 0.0), ("levels", 0.0)])
-def test_only_other_sensors_tell_the_images_apart(kind: str, expected: float) -> None:
+@pytest.mark.parametrize(("kind", "expected"), [("alone", 0.5), ("odometry", 0.0), ("attitude", 0.0)])
+def test_only_other_sensors_exclude_the_mirror_image(kind: str, expected: float) -> None:
     solution, _, _ = make_solution(kind)
     mirror = find_mirror(solution)
     assert mirror.probability == pytest.approx(expected, abs=0.05)
@@ -145,20 +130,20 @@ def test_only_other_sensors_tell_the_images_apart(kind: str, expected: float) ->
         assert diagnostics == () and inflate_for_mirror(uncertainty, solution, mirror) is uncertainty
 
 
-@pytest.mark.parametrize("kind", ["odometry", "levels"])
-def test_the_image_that_sensors_contradict_is_left(kind: str) -> None:
+@pytest.mark.parametrize("kind", ["odometry", "attitude"])
+def test_the_image_that_sensors_contradict_is_not_chosen(kind: str) -> None:
     solution, truth, _ = make_solution(kind)
-    wrong = show_other(solution)
+    wrong = mirror_solution(solution)
     assert find_mirror(wrong).probability > 0.999
     np.testing.assert_allclose(choose_mirror(wrong).bundle.world_from_vehicle, truth, atol=0.1)
     assert choose_mirror(solution) is solution
 
 
 @pytest.mark.parametrize("slope", [0.1, -0.1])
-def test_of_two_equal_images_a_bottom_is_shown(slope: float) -> None:
-    """Whichever image was found, the one is shown in which what is far lies higher."""
+def test_of_two_equal_images_the_one_of_a_bottom_is_chosen(slope: float) -> None:
+    """Far points lie higher in the chosen image, whichever was the input."""
     found, _, _ = make_solution(slope=slope)
-    shown, again = choose_mirror(found), choose_mirror(show_other(found))
+    shown, again = choose_mirror(found), choose_mirror(mirror_solution(found))
     assert (shown is found) == (slope > 0)
     np.testing.assert_allclose(again.bundle.world_from_vehicle, shown.bundle.world_from_vehicle, atol=1e-9)
     assert choose_mirror(shown) is shown
@@ -171,27 +156,27 @@ def test_of_two_equal_images_a_bottom_is_shown(slope: float) -> None:
 def test_a_scene_known_to_lie_below_or_above_has_one_image(slope: float) -> None:
     found, _, _ = make_solution(slope=slope)
     scene: Scene = "below" if slope > 0 else "above"
-    for begun in (found, show_other(found)):
+    for begun in (found, mirror_solution(found)):
         shown = choose_mirror(begun, scene)
         np.testing.assert_allclose(shown.bundle.world_from_vehicle, found.bundle.world_from_vehicle, atol=1e-9)
         assert find_mirror(shown, scene).probability == 0.0
     assert find_mirror(found).probability > 0.3
 
 
-def test_a_scene_said_to_lie_elsewhere_does_not_overrule_sensors() -> None:
+def test_a_configured_scene_does_not_overrule_sensors() -> None:
     solution, _, _ = make_solution("odometry")
     assert choose_mirror(solution, "above") is solution
-    assert find_mirror(show_other(solution), "above").probability > 0.999
+    assert find_mirror(mirror_solution(solution), "above").probability > 0.999
 
 
-def test_what_is_stated_is_the_second_moment_over_both_images() -> None:
-    """The image's own covariance, measured at its own optimum, drawn from and seen from the estimate."""
+def test_inflated_covariances_are_second_moments_over_both_images() -> None:
+    """Compare with samples of the mirror image from its covariance at its own optimum."""
     solution, _, _ = make_solution()
-    other = adjust(show_other(solution))
+    other = adjust(mirror_solution(solution))
     inside = measure_uncertainty(solution.bundle, solution.elevation_information_ratio)
     image = measure_uncertainty(other.bundle, other.elevation_information_ratio)
     probability = find_mirror(solution).probability
-    stated = state(solution)
+    stated = inflated(solution)
     rng = np.random.default_rng(2)
     for frame in (5, FRAMES - 1):
         here, there = (gtsam.Pose3(s.bundle.world_from_vehicle[frame]) for s in (solution, other))
@@ -209,14 +194,14 @@ def test_what_is_stated_is_the_second_moment_over_both_images() -> None:
     np.testing.assert_array_equal(stated.span, inside.span)
 
 
-def test_errors_of_either_image_are_as_large_as_stated() -> None:
-    """Noise is as stated: e' C^-1 e / 6 is near 1 over both images; of one image alone, many times more."""
+def test_inflated_covariances_are_consistent_with_the_errors_of_both_images() -> None:
+    """The NEES over 6 is near 1 over both images; with the covariance within one image it is many times more."""
     inside, stated = [], []
     for seed in range(4):
         found, truth, _ = make_solution(seed=seed)
-        for solution in (found, adjust(show_other(found))):
+        for solution in (found, adjust(mirror_solution(found))):
             covariance = measure_uncertainty(solution.bundle, solution.elevation_information_ratio).pose
-            inside.append(square_errors(solution.bundle, covariance, truth))
-            stated.append(square_errors(solution.bundle, state(solution).pose, truth))
+            inside.append(pose_nees(solution.bundle, covariance, truth))
+            stated.append(pose_nees(solution.bundle, inflated(solution).pose, truth))
     assert 0.5 < np.mean(stated) < 1.5
     assert np.mean(inside[::2]) < 1.5 and np.mean(inside[1::2]) > 20

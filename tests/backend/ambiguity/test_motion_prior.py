@@ -1,4 +1,4 @@
-"""The motion prior of a sonar alone: as wide at the end as the motion asks for, and no wider."""
+"""Motion prior of a sonar without odometry: widened to the size of the motion, and not beyond."""
 
 from dataclasses import replace
 
@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asfm.backend.ambiguity.motion_prior import SPAN, loosen_turns, state_prior_covariance, widen_motion_prior
+from asfm.backend.ambiguity.motion_prior import (
+    SPAN_FRAMES,
+    state_prior_covariance,
+    widen_motion_prior,
+    widen_rotation_sigma,
+)
 from asfm.backend.estimation.solution import Solution, solve_tracks
 from asfm.backend.graph.marginal_covariance import measure_uncertainty
 from asfm.config_file import load_config
@@ -28,32 +33,32 @@ def make_sensors(frames: int, sigma: tuple[float, float], measured: bool = False
 
 
 def chain(rotation_rad: FloatArray, translation_m: FloatArray) -> FloatArray:
-    """(N, 4, 4) of (N - 1, 3) steps each."""
+    """Compose (N - 1, 3) rotation vectors and translations to (N, 4, 4) poses."""
     poses = [np.eye(4)]
     for step in make_pose(translation_m, Rotation.from_rotvec(rotation_rad)):
         poses.append(poses[-1] @ step)
     return np.stack(poses)
 
 
-def test_independent_turns_keep_their_own_sigma() -> None:
+def test_independent_rotations_give_their_own_sigma() -> None:
     rng = np.random.default_rng(3)
     poses = chain(rng.normal(0, 0.004, (4000, 3)), rng.normal(0, 0.03, (4000, 3)))
-    found = loosen_turns(make_sensors(4001, (1e-4, 2e-4)), poses).step_sigma
+    found = widen_rotation_sigma(make_sensors(4001, (1e-4, 2e-4)), poses).step_sigma
     np.testing.assert_allclose(found, np.tile([0.004, 2e-4], (4000, 1)), rtol=0.08)
 
 
 @pytest.mark.parametrize("frames", [2, 5, 60])
-def test_steady_turns_count_as_what_they_add_up_to(frames: int) -> None:
+def test_steady_rotations_give_the_sigma_of_their_sum_over_a_span(frames: int) -> None:
     turn, shift = np.array([0.01, 0.0, 0.0]), np.array([0.05, 0.0, 0.0])  # a screw: its steps commute
     poses = chain(np.tile(turn, (frames - 1, 1)), np.tile(shift, (frames - 1, 1)))
-    found = loosen_turns(make_sensors(frames, (1e-6, 0.02)), poses).step_sigma
-    root = np.sqrt(min(SPAN, frames - 1) / 3)  # a third of the squares on each axis
+    found = widen_rotation_sigma(make_sensors(frames, (1e-6, 0.02)), poses).step_sigma
+    root = np.sqrt(min(SPAN_FRAMES, frames - 1) / 3)  # a third of the squares on each axis
     np.testing.assert_allclose(found, np.tile([0.01 * root, 0.02], (frames - 1, 1)))
 
 
 def test_a_prior_is_never_narrowed() -> None:
     sensors = make_sensors(6, (0.3, 0.4))
-    found = loosen_turns(sensors, np.repeat(np.eye(4)[None], 6, axis=0))
+    found = widen_rotation_sigma(sensors, np.repeat(np.eye(4)[None], 6, axis=0))
     np.testing.assert_array_equal(found.step_sigma, sensors.step_sigma)
 
 
@@ -70,31 +75,31 @@ def make_case() -> tuple[Solution, Sequence, FloatArray]:
     range_m, bearing_rad, _ = project(seen[track, frame])
     track = np.unique(track, return_inverse=True)[1]
     sigma = np.tile([0.01, 0.003], (len(track), 1))
-    error = rng.normal(0, 0.3, (len(track), 2)) * sigma  # sigmas are widened for errors that a track has in common
+    error = rng.normal(0, 0.3, (len(track), 2)) * sigma  # sigmas are widened for correlated errors along a track
     tracks = Tracks(track, frame, range_m + error[:, 0], bearing_rad + error[:, 1], sigma=sigma)
     sequence = Sequence("made up", SONAR, along.astype(float), no_frame)
     tight = solve_tracks(tracks, sequence, truth, make_sensors(frames, (0.01, 0.05)), load_config())
     return tight, sequence, truth
 
 
-def test_slow_rolls_are_not_held_back() -> None:
-    """Rolls that a tight prior draws to zero by many of the stated sigmas come out within a few of them."""
+def test_slow_rolls_are_not_biased_after_widening() -> None:
+    """A tight prior pulls rolls towards zero by more than two stated sigmas; the widened one does not."""
     tight, sequence, truth = make_case()
-    relaxed = widen_motion_prior(tight, sequence, load_config())
-    assert roll_errors(relaxed, truth) < 2 < roll_errors(tight, truth)
-    wider = relaxed.problem.sensors.step_sigma / tight.problem.sensors.step_sigma
+    widened = widen_motion_prior(tight, sequence, load_config())
+    assert roll_errors(widened, truth) < 2 < roll_errors(tight, truth)
+    wider = widened.problem.sensors.step_sigma / tight.problem.sensors.step_sigma
     assert (wider[:, 0] > 2).all() and (wider[:, 1] == 1).all()
 
 
 def roll_errors(solution: Solution, truth: FloatArray) -> float:
-    """Root mean square of the rolls' errors over their stated sigmas, without the first frame."""
+    """Return the root mean square of the roll errors over their stated sigmas, without the first frame."""
     motion = invert(solution.bundle.world_from_vehicle) @ truth
     roll_rad = Rotation.from_matrix(motion[:, :3, :3]).as_rotvec()[1:, 0]
     variance = measure_uncertainty(solution.bundle, solution.elevation_information_ratio).pose[1:, 0, 0]
     return float(np.sqrt(np.mean(roll_rad**2 / variance)))
 
 
-def test_measured_steps_are_left_as_they_are() -> None:
+def test_solutions_with_odometry_or_without_observations_are_returned_unchanged() -> None:
     frames = 4
     poses = np.repeat(np.eye(4)[None], frames, axis=0)
     tracks = Tracks(
@@ -108,8 +113,8 @@ def test_measured_steps_are_left_as_they_are() -> None:
     assert widen_motion_prior(none, sequence, load_config()) is none
 
 
-def test_a_prior_that_is_discounted_is_no_knowledge() -> None:
-    """Poses stay; covariances become those of the same graph with wider steps, and never smaller."""
+def test_stating_a_wide_prior_increases_covariances_and_keeps_poses() -> None:
+    """Covariances become those of the same graph with wider steps, and never smaller."""
     tight, _, _ = make_case()
     stated = state_prior_covariance(tight, 1.5)
     assert stated.bundle.values is tight.bundle.values
@@ -129,7 +134,7 @@ def test_a_prior_that_is_discounted_is_no_knowledge() -> None:
 
 
 def square_steps(solution: Solution, sigma: FloatArray) -> float:
-    """Sum the squared whitened residuals of steps that are guessed to be none."""
+    """Sum the squared whitened residuals of identity steps."""
     poses = solution.bundle.world_from_vehicle
     motion = np.array([gtsam.Pose3.Logmap(gtsam.Pose3(step)) for step in invert(poses[:-1]) @ poses[1:]])
     return float(((motion / np.repeat(sigma, 3, axis=1)) ** 2).sum())

@@ -1,4 +1,4 @@
-"""Solutions that are mirrored from some frame on are found and set right; others are left alone."""
+"""Partially mirrored solutions are detected and corrected; others are returned unchanged."""
 
 from dataclasses import replace
 
@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asfm.backend.ambiguity.mirror_ambiguity import reflect_after
 from asfm.backend.ambiguity.partial_mirroring import (
-    LEAST_ODDS,
+    MIN_LOG_ODDS,
     compare_fits,
     correct_partial_mirroring,
     find_local_minimum,
     scan_mirror_frames,
 )
+from asfm.backend.ambiguity.reflection import reflect_after
 from asfm.backend.estimation.residual_gate import make_residual_gate
 from asfm.backend.estimation.solution import solve_tracks
 from asfm.config_file import load_config
@@ -26,12 +26,12 @@ from tests.worlds import make_constraints, no_frame
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (1500, 256), np.deg2rad(20))
 LEVER_ARM = make_pose(np.array([0.2, -0.1, -0.1]), Rotation.from_euler("ZYX", [0.1, 0.05, 0.0]))
-FRAMES, TWIST = 41, 20
+FRAMES, FLIP = 41, 20
 
 
 def make_motion() -> FloatArray:
-    """(N, 4, 4) along a shore: rolls to and fro, at rest in roll around the middle, from the identity on."""
-    along = np.arange(FRAMES) - TWIST
+    """Make (N, 4, 4) poses from the identity on, with an oscillating roll that rests around the middle."""
+    along = np.arange(FRAMES) - FLIP
     roll = 0.35 * np.sin(along / 7) ** 3
     yaw = 0.2 * np.sin(along / 9)
     position = np.stack([0.2 * np.sin(along / 8), 0.1 * along, 0.05 * np.sin(along / 6)], axis=1)
@@ -40,7 +40,7 @@ def make_motion() -> FloatArray:
 
 
 def make_tracks(poses: FloatArray) -> Tracks:
-    """Points that are seen in up to fifteen frames each, with a little noise."""
+    """Make tracks of up to fifteen frames each, with little noise."""
     rng = np.random.default_rng(7)
     middle = rng.integers(0, FRAMES, 500)
     in_sonar = rng.uniform([3.0, -1.5, -0.5], [6.0, 1.5, 0.5], (500, 3))
@@ -67,59 +67,46 @@ def roll_rad(world_from_vehicle: FloatArray) -> FloatArray:
     return np.asarray(Rotation.from_matrix(world_from_vehicle[:, :3, :3]).as_euler("ZYX")[:, 2])
 
 
-def test_both_parts_keep_their_measurements() -> None:
-    truth = make_motion()
-    twisted = reflect_after(truth, TWIST, LEVER_ARM)
-    np.testing.assert_array_equal(twisted[: TWIST + 1], truth[: TWIST + 1])
-    points = transform((truth @ LEVER_ARM)[TWIST + 8], np.random.default_rng(0).uniform(-3, 3, (20, 3)))
-    plane = truth[TWIST] @ LEVER_ARM
-    image = transform(plane @ np.diag([1.0, 1.0, -1.0, 1.0]) @ invert(plane), points)
-    for frame in range(TWIST + 1, FRAMES):
-        here = project(transform(invert(truth[frame] @ LEVER_ARM), points))
-        there = project(transform(invert(twisted[frame] @ LEVER_ARM), image))
-        np.testing.assert_allclose(there[0], here[0], atol=1e-12)
-        np.testing.assert_allclose(there[1], here[1], atol=1e-12)
-    np.testing.assert_allclose(reflect_after(twisted, TWIST, LEVER_ARM), truth, atol=1e-12)
-
-
-def test_a_twist_is_found_and_set_right() -> None:
+def test_a_partially_mirrored_solution_is_corrected() -> None:
     tracks, sequence, sensors, truth = make_case()
     config = load_config()
-    twisted = solve_tracks(tracks, sequence, reflect_after(truth, TWIST, LEVER_ARM), sensors, config)
-    frames, misfit = scan_mirror_frames(
-        tracks, twisted.bundle.world_from_vehicle, sequence, make_residual_gate(tracks, sequence, sensors, config)
+    mirrored = solve_tracks(tracks, sequence, reflect_after(truth, FLIP, LEVER_ARM), sensors, config)
+    frames, increase = scan_mirror_frames(
+        tracks, mirrored.bundle.world_from_vehicle, sequence, make_residual_gate(tracks, sequence, sensors, config)
     )
-    found = find_local_minimum(frames, misfit)
-    assert found is not None and abs(found - TWIST) <= 6
-    right = correct_partial_mirroring(twisted, sequence, config)
-    before, after = (roll_rad(solution.bundle.world_from_vehicle) - roll_rad(truth) for solution in (twisted, right))
-    assert np.abs(before).max() > 0.3 > 0.1 > np.abs(after).max(), "the optimisation alone does not leave the twist"
+    found = find_local_minimum(frames, increase)
+    assert found is not None and abs(found - FLIP) <= 6
+    corrected = correct_partial_mirroring(mirrored, sequence, config)
+    before, after = (
+        roll_rad(solution.bundle.world_from_vehicle) - roll_rad(truth) for solution in (mirrored, corrected)
+    )
+    assert np.abs(before).max() > 0.3 > 0.1 > np.abs(after).max(), (
+        "the optimisation alone does not leave the local optimum"
+    )
     residual_gate = make_residual_gate(tracks, sequence, sensors, config)
-    assert compare_fits(twisted, right, sequence, residual_gate, 1.0) > LEAST_ODDS
-    assert compare_fits(right, right, sequence, residual_gate, 1.0) == 0
+    assert compare_fits(mirrored, corrected, sequence, residual_gate, 1.0) > MIN_LOG_ODDS
+    assert compare_fits(corrected, corrected, sequence, residual_gate, 1.0) == 0
 
 
-@pytest.mark.parametrize("prepare", ["right", "measured", "levels", "nothing"])
-def test_what_is_not_twisted_is_left(prepare: str) -> None:
-    tracks, sequence, sensors, truth = make_case(measured=prepare == "measured")
+@pytest.mark.parametrize("prepare", ["correct", "odometry", "attitude", "no observations"])
+def test_other_solutions_are_returned_unchanged(prepare: str) -> None:
+    tracks, sequence, sensors, truth = make_case(measured=prepare == "odometry")
     solution = solve_tracks(tracks, sequence, truth, sensors, load_config())
-    if prepare == "levels":
-        solution = replace(solution, problem=replace(solution.problem, sensors=with_levels(sensors)))
-    if prepare == "nothing":
+    if prepare == "attitude":
+        solution = replace(solution, problem=replace(solution.problem, sensors=with_attitude(sensors)))
+    if prepare == "no observations":
         solution = replace(solution, observed=np.zeros(len(tracks), dtype=bool))
     assert correct_partial_mirroring(solution, sequence, load_config()) is solution
 
 
-def with_levels(sensors: SensorConstraints) -> SensorConstraints:
+def with_attitude(sensors: SensorConstraints) -> SensorConstraints:
     return replace(sensors, z_roll_pitch=np.zeros((FRAMES, 3)), z_roll_pitch_sigma=np.ones((FRAMES, 3)))
 
 
-def test_only_dips_with_higher_values_to_both_sides_count() -> None:
+def test_local_minima_need_significantly_higher_values_on_both_sides() -> None:
     frames = np.arange(2, 23, 3)
     assert find_local_minimum(frames, np.array([0.0, 0.2, 0.1, 0.3, 0.9, 0.4, 0.01])) == 8
-    assert find_local_minimum(frames, np.array([0.0, 0.2, 0.16, 0.3, 0.9, 0.4, 0.01])) is None, (
-        "as small as chance makes them"
-    )
+    assert find_local_minimum(frames, np.array([0.0, 0.2, 0.16, 0.3, 0.9, 0.4, 0.01])) is None, "not significant"
     assert find_local_minimum(frames, np.array([0.0, 0.2, 0.4, 0.9, 0.5, 0.2, 0.1])) is None
     assert find_local_minimum(frames[:2], np.array([0.1, 0.0])) is None
     assert find_local_minimum(frames[:0], np.zeros(0)) is None

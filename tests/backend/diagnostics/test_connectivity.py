@@ -1,4 +1,4 @@
-"""The warnings name the stretches of the trajectory that the sonar does not hold together."""
+"""Connectivity: runs of steps that too few landmarks span are found and reported."""
 
 from dataclasses import replace
 from typing import cast
@@ -20,7 +20,7 @@ from tests.worlds import no_frame
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (500, 128), np.deg2rad(20))
 NO_BUNDLE = cast(Bundle, None)
 NO_PROBLEM = cast(BundleProblem, None)
-"""What the poses rest on is read from the tracks alone."""
+"""Connectivity follows from the tracks alone."""
 
 
 def _sequence(frame_count: int, odometry: bool = True) -> Sequence:
@@ -47,23 +47,23 @@ def _diagnose(spans: list[list[int]], frame_count: int, odometry: bool = True) -
     return warn_of_disconnected_steps(_sequence(frame_count, odometry), _solution(spans), Config())
 
 
-def test_nothing_to_say_where_all_frames_share_landmarks() -> None:
+def test_no_diagnostic_where_all_frames_share_landmarks() -> None:
     assert _diagnose([[0, 3, 7], [0, 7], [0, 1, 7]], 8) == ()
 
 
-def test_gaps_are_named_by_the_frames_they_lie_between() -> None:
+def test_gaps_are_reported_with_the_frames_around_them() -> None:
     (found,) = _diagnose([[0, 1, 2, 3]] * 3 + [[5, 6]] * 3 + [[6, 8, 9]] * 4, 11)
     assert found.code == "unsupported-steps" and found.frames == ((3, 5), (9, 10))
     assert found.message.startswith("3 of 10 steps")
     assert found.message.endswith("held by odometry between frames 3-5, 9-10")
 
 
-def test_a_landmark_that_skips_frames_ties_them_all_the_same() -> None:
+def test_a_landmark_that_skips_frames_connects_them() -> None:
     assert connected_steps(_solution([[0, 4]] * 3), 5).tolist() == [True] * 4
     assert connected_steps(_solution([[0, 4]] * (MIN_LINKS - 1)), 5).tolist() == [False] * 4
 
 
-def test_links_agree_with_a_plain_count() -> None:
+def test_connected_steps_agree_with_a_direct_count() -> None:
     rng = np.random.default_rng(0)
     spans = [sorted(rng.choice(12, rng.integers(1, 5), replace=False).tolist()) for _ in range(12)]
     expected = [sum(min(s) <= step < max(s) for s in spans) >= MIN_LINKS for step in range(11)]
@@ -71,7 +71,7 @@ def test_links_agree_with_a_plain_count() -> None:
     assert connected_steps(_solution(spans), 12).tolist() == expected
 
 
-def test_observations_that_were_dropped_tie_nothing() -> None:
+def test_rejected_observations_connect_nothing() -> None:
     spans = [[0, 1, 2]] * 3
     dropped = _solution(spans, np.array([True, True, False] * 3))
     assert connected_steps(dropped, 3).tolist() == [True, False]
@@ -80,24 +80,24 @@ def test_observations_that_were_dropped_tie_nothing() -> None:
 
 @pytest.mark.parametrize("spans", [[], [[0, 1, 2, 3]] * 2])
 @pytest.mark.parametrize("odometry", [True, False])
-def test_no_support_at_all_says_what_holds_the_poses(spans: list[list[int]], odometry: bool) -> None:
+def test_without_any_connection_the_substitute_is_named(spans: list[list[int]], odometry: bool) -> None:
     (found,) = _diagnose(spans, 4, odometry)
     assert found.code == "unsupported-steps" and found.frames == ((0, 3),)
     assert "all 4 poses" in found.message
     assert found.message.endswith("held by odometry" if odometry else "held by the last pose")
 
 
-def test_unwanted_odometry_holds_nothing() -> None:
+def test_odometry_that_is_switched_off_is_no_substitute() -> None:
     config = Config(backend=BackendConfig(use_odometry=False))
     (found,) = warn_of_disconnected_steps(_sequence(4), _solution([]), config)
     assert found.code == "unsupported-steps" and found.message.endswith("held by the last pose")
 
 
-def test_one_frame_is_said_to_be_one() -> None:
+def test_one_frame_is_reported() -> None:
     assert [found.code for found in _diagnose([], 1)] == ["single-frame"]
 
 
-def test_many_stretches_are_counted_not_listed() -> None:
+def test_many_runs_are_counted_beyond_the_first() -> None:
     spans = [[index, index + 1] for index in range(0, 40, 2) for _ in range(3)]
     (found,) = _diagnose(spans, 40)
     assert found.code == "unsupported-steps" and len(found.frames) == 19
@@ -105,7 +105,7 @@ def test_many_stretches_are_counted_not_listed() -> None:
     assert found.message.endswith("15-16, and 11 more runs")
 
 
-def test_sequences_that_differ_only_in_stamps_get_the_same_words() -> None:
+def test_time_stamps_do_not_change_the_diagnostics() -> None:
     sequence = _sequence(6)
     later = replace(sequence, timestamps_s=sequence.timestamps_s * 7 + 1e9)
     solution = _solution([[0, 1, 2]] * 3)

@@ -1,4 +1,4 @@
-"""The bundle on a made-up world: poses and points come back within their noise, and their covariances are honest."""
+"""Bundle adjustment on synthetic points: poses and points within their noise, and consistent covariances."""
 
 from dataclasses import dataclass, replace
 
@@ -28,7 +28,7 @@ def landmark_covariances(bundle: Bundle) -> FloatArray:
 
 @dataclass(frozen=True)
 class World:
-    """A problem with its truth and where to start."""
+    """A problem with its truth and initial values."""
 
     problem: BundleProblem
     poses: FloatArray
@@ -38,9 +38,11 @@ class World:
 
 
 def make_world(seed: int, noise: float = 1.0, frame_count: int = 20, points: int = 60, drift: float = 1.0) -> World:
-    """Random points ahead of a sonar that moves in six degrees of freedom; all see much the same points.
+    """Random points ahead of a sonar that moves in six degrees of freedom; most points are in all frames.
 
-    noise scales the observations' errors, drift those of the odometry; the stated sigmas stay what they are.
+    Args:
+        noise: scale of the observations' errors; the stated sigmas do not change.
+        drift: scale of the errors of the odometry.
     """
     rng = np.random.default_rng(seed)
     angle_rad = rng.uniform([-0.12, -0.03, -0.5], [0.12, 0.03, 0.5], (frame_count, 3))
@@ -84,32 +86,32 @@ def _solve(world: World) -> Bundle:
     return adjust_bundle(world.problem, world.start_poses, world.start_xyz_m)
 
 
-def _place_error_m(poses: FloatArray, truth: FloatArray) -> float:
+def _position_error_m(poses: FloatArray, truth: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.sum((poses - truth)[:, :3, 3] ** 2, axis=1))))
 
 
-def test_exact_measurements_give_the_exact_world() -> None:
+def test_exact_measurements_give_the_true_poses_and_points() -> None:
     world = make_world(0, noise=0.0, drift=0.0, frame_count=10, points=40)
     rng = np.random.default_rng(1)
     wrong = make_pose(rng.normal(0, 0.03, (10, 3)), Rotation.from_rotvec(rng.normal(0, 0.01, (10, 3))))
-    bundle = adjust_bundle(world.problem, world.poses @ wrong, world.start_xyz_m, settled=1e-9)
+    bundle = adjust_bundle(world.problem, world.poses @ wrong, world.start_xyz_m, relative_tolerance=1e-9)
     np.testing.assert_allclose(bundle.world_from_vehicle, world.poses, atol=1e-4)
     np.testing.assert_allclose(bundle.xyz_m, world.xyz_m, atol=1e-3)
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_noisy_observations_correct_a_drifting_odometry(seed: int) -> None:
+def test_noisy_observations_reduce_the_drift_of_odometry(seed: int) -> None:
     world = make_world(seed)
     bundle = _solve(world)
-    before_m, after_m = (_place_error_m(p, world.poses) for p in (world.start_poses, bundle.world_from_vehicle))
+    before_m, after_m = (_position_error_m(p, world.poses) for p in (world.start_poses, bundle.world_from_vehicle))
     assert after_m < 0.35 * before_m
     turn_rad = Rotation.from_matrix((invert(world.poses) @ bundle.world_from_vehicle)[:, :3, :3]).magnitude()
     assert np.sqrt(np.mean(turn_rad**2)) < 0.01
     np.testing.assert_allclose(bundle.world_from_vehicle[0], world.poses[0], atol=1e-4)
 
 
-def test_landmark_covariances_are_honest() -> None:
-    """Independent noise: the squared error of points in their own covariance averages to three, their dimensions."""
+def test_landmark_covariances_are_consistent() -> None:
+    """The mean NEES of points under independent noise is near 3, their dimension."""
     squared = []
     for seed in range(4):
         world = make_world(seed, points=50)
@@ -123,10 +125,10 @@ def test_landmark_covariances_are_honest() -> None:
 
 
 def test_covariances_scale_with_the_stated_noise() -> None:
-    """Sigmas of everything twice as large: covariances four times, but for what the beam tells of the elevation."""
+    """Doubling all sigmas quadruples the covariances, up to the aperture prior."""
     world = make_world(5, noise=0.0, drift=0.0, frame_count=8, points=25)
     sensors = world.problem.sensors
-    vague = replace(
+    doubled = replace(
         world.problem,
         sigma=2 * world.problem.sigma,
         sensors=replace(
@@ -134,13 +136,13 @@ def test_covariances_scale_with_the_stated_noise() -> None:
         ),
     )
     first, second = (
-        landmark_covariances(adjust_bundle(problem, world.poses, world.xyz_m, settled=1e-9))
-        for problem in (world.problem, vague)
+        landmark_covariances(adjust_bundle(problem, world.poses, world.xyz_m, relative_tolerance=1e-9))
+        for problem in (world.problem, doubled)
     )
     np.testing.assert_allclose(second, 4 * first, rtol=5e-2, atol=1e-6)
 
 
-def test_result_moves_along_with_the_world() -> None:
+def test_result_is_equivariant_to_a_rigid_motion_of_the_world() -> None:
     world = make_world(2, frame_count=10, points=40)
     other = make_pose(np.array([30.0, -10.0, 4.0]), Rotation.from_euler("ZYX", [2.0, 0.4, -0.7]))
     moved = replace(
@@ -156,17 +158,17 @@ def test_result_moves_along_with_the_world() -> None:
     np.testing.assert_allclose(there.xyz_m, transform(other, here.xyz_m), atol=1e-3)
 
 
-def test_gross_errors_do_little_harm() -> None:
+def test_gross_errors_change_poses_little() -> None:
     """Cauchy kernels: one observation in twenty is off by half a metre."""
     world = make_world(3)
     tracks = world.problem.tracks
     off_m = 0.5 * (np.random.default_rng(0).random(len(tracks)) < 0.05)
-    spoiled = replace(world, problem=replace(world.problem, tracks=replace(tracks, range_m=tracks.range_m + off_m)))
-    clean_m, spoiled_m = (_place_error_m(_solve(w).world_from_vehicle, world.poses) for w in (world, spoiled))
-    assert spoiled_m < 1.5 * clean_m + 0.005
+    corrupted = replace(world, problem=replace(world.problem, tracks=replace(tracks, range_m=tracks.range_m + off_m)))
+    clean_m, corrupted_m = (_position_error_m(_solve(w).world_from_vehicle, world.poses) for w in (world, corrupted))
+    assert corrupted_m < 1.5 * clean_m + 0.005
 
 
-def test_points_stay_inside_the_beam_without_motion() -> None:
+def test_points_stay_inside_the_aperture_without_motion() -> None:
     world = make_world(4, frame_count=6, points=25)
     still = np.repeat(world.poses[:1], 6, axis=0)
     seen = transform(invert(still @ LEVER_ARM), world.xyz_m[:, None])
@@ -181,13 +183,11 @@ def test_points_stay_inside_the_beam_without_motion() -> None:
     sigma_m = np.sqrt(np.linalg.eigvalsh(landmark_covariances(bundle)[bundle.in_graph])[:, -1])
     along_the_arc_m = found_range_m * SONAR.elevation_aperture_rad / 2 / np.sqrt(3)
     ratio = sigma_m / along_the_arc_m
-    assert ratio.min() > 0.9, (
-        "all that is known is that the point lies in the beam, once, however often it was held there"
-    )
+    assert ratio.min() > 0.9, "the aperture is one piece of information, however often the bound was active"
     assert ratio.max() < 1.2
 
 
-def test_navigation_fixes_height_and_attitude() -> None:
+def test_navigation_determines_height_and_attitude() -> None:
     """Without a single observation the poses take height, roll and pitch from the sensors, the rest from odometry."""
     world = make_world(6, drift=1.0)
     angles = Rotation.from_matrix(world.poses[:, :3, :3]).as_euler("ZYX")
@@ -210,7 +210,7 @@ def test_navigation_fixes_height_and_attitude() -> None:
     assert np.isinf(landmark_covariances(bundle)).all()
 
 
-def test_points_without_observations_keep_their_place() -> None:
+def test_points_without_observations_keep_their_position() -> None:
     world = make_world(7, frame_count=8, points=20)
     used = world.problem.tracks.track % 2 == 0
     bundle = adjust_bundle(replace(world.problem, observed=used), world.start_poses, world.start_xyz_m)
@@ -219,7 +219,7 @@ def test_points_without_observations_keep_their_place() -> None:
     assert np.isfinite(landmark_covariances(bundle)[::2]).all()
 
 
-def test_a_point_lost_above_the_sonar_leaves_the_covariances_finite() -> None:
+def test_a_point_at_a_singular_elevation_leaves_the_information_finite() -> None:
     world = make_world(0)
     xyz_m = world.xyz_m.copy()
     bundle = _solve(world)

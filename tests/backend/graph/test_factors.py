@@ -1,4 +1,4 @@
-"""Each factor against its equation, written out anew here, and its Jacobian against finite differences."""
+"""Factors against their equations, written independently here, and Jacobians against finite differences."""
 
 from collections.abc import Callable
 from typing import Any
@@ -108,21 +108,21 @@ def test_bearing_factor_is_the_tangent_of_the_bearing_error(seed: int) -> None:
 
 
 @pytest.mark.parametrize("elevation_rad", [-0.9, -0.5, 0.4, 0.8])
-def test_bearing_factor_does_not_mistake_elevation_for_bearing(elevation_rad: float) -> None:
-    """Azimuth much smaller than elevation: where GTSAM's bearing factors swap the two axes."""
+def test_bearing_factor_is_free_in_elevation_and_tight_in_bearing(elevation_rad: float) -> None:
+    """Azimuths much smaller than the elevation, where GTSAM's bearing factors swap the two axes."""
     azimuth_rad = 0.05
     point = back_project(np.array(5.0), np.array(azimuth_rad), elevation_rad)
     factor = bearing_factor(POSE, POINT, azimuth_rad, 0.01, gtsam.Pose3())
     assert factor.error(_values(np.eye(4), point)) < 1e-3
     turned = back_project(np.array(5.0), np.array(azimuth_rad + 0.02), elevation_rad)
     assert factor.error(_values(np.eye(4), turned)) > 0.5
-    for other_rad in (-0.7, 0.0, 0.7):  # the elevation is free: no cost worth the name along the whole arc
+    for other_rad in (-0.7, 0.0, 0.7):  # next to no cost along the whole arc
         moved = back_project(np.array(5.0), np.array(azimuth_rad), other_rad)
         assert factor.error(_values(np.eye(4), moved)) < 1e-3
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_elevation_factor_pulls_to_the_elevation_and_leaves_the_bearing(seed: int) -> None:
+def test_elevation_factor_constrains_the_elevation_alone(seed: int) -> None:
     world_from_vehicle, xyz_m, _, bearing_rad, elevation_rad = _random_view(seed)
     factor = elevation_factor(POSE, POINT, bearing_rad, elevation_rad - 0.2, 0.01, gtsam.Pose3(LEVER_ARM))
     values = _values(world_from_vehicle, xyz_m)
@@ -132,7 +132,7 @@ def test_elevation_factor_pulls_to_the_elevation_and_leaves_the_bearing(seed: in
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_depth_factor_measures_the_height_alone(seed: int) -> None:
+def test_depth_factor_constrains_the_height_alone(seed: int) -> None:
     rng = np.random.default_rng(seed)
     pose = _random_pose(rng)
     factor = depth_factor(POSE, float(pose[2, 3]) - 0.05, 0.02)
@@ -146,7 +146,7 @@ def test_depth_factor_measures_the_height_alone(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_attitude_factor_is_blind_to_yaw_and_place(seed: int) -> None:
+def test_attitude_factor_is_independent_of_yaw_and_position(seed: int) -> None:
     rng = np.random.default_rng(seed)
     roll_rad, pitch_rad = rng.uniform(-1.2, 1.2, 2).tolist()
     factor = attitude_factor(POSE, np.array([roll_rad, pitch_rad]), np.array([0.01, 0.02]), 0.3)
@@ -157,7 +157,7 @@ def test_attitude_factor_is_blind_to_yaw_and_place(seed: int) -> None:
 
 @pytest.mark.parametrize("off", [(0.004, 0.0), (0.0, 0.03), (0.004, -0.03)])
 @pytest.mark.parametrize("yaw_rad", [-2.0, 0.0, 1.1, 3.0])
-def test_attitude_factor_weighs_roll_and_pitch_each_by_its_own_sigma(off: tuple[float, float], yaw_rad: float) -> None:
+def test_attitude_factor_weights_roll_and_pitch_by_their_sigmas(off: tuple[float, float], yaw_rad: float) -> None:
     sigma = np.array([0.003, 0.02])
     factor = attitude_factor(POSE, np.array([0.3, -0.4]), sigma, yaw_rad)
     pose = make_pose(np.zeros(3), Rotation.from_euler("ZYX", [yaw_rad, -0.4 + off[1], 0.3 + off[0]]))
@@ -172,8 +172,8 @@ def test_attitude_factor_without_a_roll_leaves_it_free() -> None:
     assert free < 5 < 100 < held
 
 
-def test_navigation_factors_forgive_gross_errors() -> None:
-    """A reading a hundred sigmas off pulls no harder than one of three."""
+def test_navigation_factors_are_robust_to_gross_errors() -> None:
+    """The gradient at a hundred sigmas is that at three."""
     pose = _random_pose(np.random.default_rng(0))
     roll_rad, pitch_rad = 0.2, 0.1
     level = make_pose(np.zeros(3), Rotation.from_euler("ZYX", [0.0, pitch_rad, roll_rad]))
@@ -194,7 +194,7 @@ def test_navigation_factors_forgive_gross_errors() -> None:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_step_factor_measures_the_motion_between(seed: int) -> None:
+def test_step_factor_constrains_the_motion_between_poses(seed: int) -> None:
     rng = np.random.default_rng(seed)
     first, step = _random_pose(rng), _random_pose(rng)
     values = gtsam.Values()
@@ -220,8 +220,8 @@ Make = Callable[[FloatArray], gtsam.NonlinearFactor]
     ],
     ids=["range", "bearing"],
 )
-def test_sonar_factors_forgive_gross_errors(make: Make) -> None:
-    """Cauchy: ten times the error costs far less than a hundred times as much."""
+def test_sonar_factors_are_robust_to_gross_errors(make: Make) -> None:
+    """Cauchy kernel: ten times the error costs less than ten times as much, not a hundred times."""
     world_from_vehicle, xyz_m, range_m, bearing_rad, elevation_rad = _random_view(3)
     seen = transform(invert(world_from_vehicle @ LEVER_ARM), xyz_m)
     factor = make(seen)

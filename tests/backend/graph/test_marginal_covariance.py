@@ -1,4 +1,4 @@
-"""Covariances by elimination against GTSAM's own marginals, and with more information on elevations."""
+"""Marginal covariances against GTSAM's, and with more information on elevations."""
 
 import gtsam
 import numpy as np
@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from asfm.backend.graph.bundle_adjustment import Bundle, adjust_bundle
-from asfm.backend.graph.marginal_covariance import FRAMES_AT_ONCE, measure_uncertainty
+from asfm.backend.graph.marginal_covariance import FRAMES_PER_BLOCK, measure_uncertainty
 from asfm.backend.graph.problem import FIRST_POINT, FIRST_POSE, BundleProblem
 from asfm.geometry.poses import invert, make_pose, transform
 from asfm.geometry.sonar import SonarModel, project
@@ -17,8 +17,8 @@ from tests.worlds import make_constraints, no_frame
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (500, 128), np.deg2rad(20))
 LEVER_ARM = make_pose(np.array([0.4, -0.1, -0.2]), Rotation.from_euler("ZYX", [0.1, 0.2, 0.0]))
-FRAMES = FRAMES_AT_ONCE + 6
-"""More than are looked at at once."""
+FRAMES = FRAMES_PER_BLOCK + 6
+"""More than one block."""
 
 
 @pytest.fixture(scope="module")
@@ -55,10 +55,10 @@ def make_poses(
     return poses
 
 
-def test_poses_and_points_are_as_sure_as_gtsam_says(bundle: Bundle) -> None:
+def test_covariances_of_poses_and_points_are_those_of_gtsam(bundle: Bundle) -> None:
     found = measure_uncertainty(bundle, np.ones(len(bundle.xyz_m)))
     marginals = gtsam.Marginals(bundle.graph, bundle.values)
-    for index in (0, 1, 30, FRAMES_AT_ONCE, FRAMES - 1):
+    for index in (0, 1, 30, FRAMES_PER_BLOCK, FRAMES - 1):
         expected = marginals.marginalCovariance(FIRST_POSE + index)
         np.testing.assert_allclose(found.pose[index], expected, atol=1e-4 * np.abs(expected).max())
     assert bundle.in_graph.sum() > 15
@@ -69,7 +69,7 @@ def test_poses_and_points_are_as_sure_as_gtsam_says(bundle: Bundle) -> None:
 
 
 @pytest.mark.parametrize("span", [1, 10, FRAMES - 1])
-def test_motions_over_a_span_are_as_sure_as_gtsam_says(bundle: Bundle, span: int) -> None:
+def test_covariances_of_motions_over_a_span_are_those_of_gtsam(bundle: Bundle, span: int) -> None:
     found = measure_uncertainty(bundle, np.ones(len(bundle.xyz_m)), span)
     assert found.span.shape == (FRAMES - span, 6, 6)
     marginals = gtsam.Marginals(bundle.graph, bundle.values)
@@ -82,13 +82,13 @@ def test_motions_over_a_span_are_as_sure_as_gtsam_says(bundle: Bundle, span: int
         np.testing.assert_allclose(found.span[first], expected, atol=1e-4 * np.abs(expected).max())
 
 
-def test_relief_makes_points_surer_and_leaves_poses_alone(bundle: Bundle) -> None:
+def test_elevation_information_reduces_point_covariances_and_not_those_of_poses(bundle: Bundle) -> None:
     count = len(bundle.xyz_m)
-    plain, relieved = (
+    plain, informed = (
         measure_uncertainty(bundle, np.full(count, elevation_information_ratio))
         for elevation_information_ratio in (1.0, 4.0)
     )
-    np.testing.assert_array_equal(plain.pose, relieved.pose)
-    gained = plain.point_m2[bundle.in_graph] - relieved.point_m2[bundle.in_graph]
+    np.testing.assert_array_equal(plain.pose, informed.pose)
+    gained = plain.point_m2[bundle.in_graph] - informed.point_m2[bundle.in_graph]
     assert (np.linalg.eigvalsh(gained) > -1e-12).all() and (np.trace(gained, axis1=1, axis2=2) > 0).all()
-    assert (np.linalg.eigvalsh(relieved.point_m2[bundle.in_graph]) > 0).all()
+    assert (np.linalg.eigvalsh(informed.point_m2[bundle.in_graph]) > 0).all()

@@ -1,4 +1,4 @@
-"""Covariances of far-apart poses against GTSAM's own, and the predicted sigmas against drawn poses."""
+"""Joint covariance of poses against GTSAM's, and predicted sigmas against sampled poses."""
 
 from functools import lru_cache
 
@@ -19,7 +19,7 @@ FRAMES = np.array([0, 3, 7, 11])
 
 @lru_cache(maxsize=1)
 def make_bundle() -> Bundle:
-    """A graph of odometry and sonar, at its optimum because nothing is noisy. The last point is seen by nobody."""
+    """Make a graph of odometry and sonar without noise, at its optimum. The last point has no observation."""
     rng = np.random.default_rng(0)
     swing = rng.uniform(-0.15, 0.15, (12, 6))
     swing[:, 1] += np.linspace(0, 2, 12)
@@ -44,7 +44,7 @@ def make_bundle() -> Bundle:
     return Bundle(poses, xyz_m, np.arange(30) < 29, graph, graph, values)
 
 
-def test_it_is_what_gtsam_says() -> None:
+def test_joint_covariance_is_that_of_gtsam() -> None:
     bundle = make_bundle()
     found = joint_covariance(bundle, FRAMES)
     marginals = gtsam.Marginals(bundle.graph, bundle.values)
@@ -56,12 +56,12 @@ def test_it_is_what_gtsam_says() -> None:
             np.testing.assert_allclose(found[i, j], expected, rtol=1e-3, atol=1e-9)
 
 
-def test_sigmas_are_those_of_drawn_poses() -> None:
-    """Poses drawn from the joint covariance see the point ahead of the others scattered as predicted."""
-    bundle, reach_m = make_bundle(), 5.0
+def test_predicted_sigmas_are_those_of_sampled_poses() -> None:
+    """With poses sampled from the joint covariance, points ahead of the other frames scatter as predicted."""
+    bundle, distance_m = make_bundle(), 5.0
     covariance = joint_covariance(bundle, FRAMES)
     poses = bundle.world_from_vehicle[FRAMES]
-    found = predict_sigma(covariance, poses, LEVER_ARM, reach_m)
+    found = predict_sigma(covariance, poses, LEVER_ARM, distance_m)
     full = covariance.transpose(0, 2, 1, 3).reshape(24, 24)
     drawn = np.random.default_rng(1).multivariate_normal(np.zeros(24), full, 4000).reshape(4000, 4, 6)
     disturbed = np.stack(
@@ -71,7 +71,7 @@ def test_sigmas_are_those_of_drawn_poses() -> None:
         ],
         axis=1,
     )
-    ahead = transform(LEVER_ARM, np.array([reach_m, 0.0, 0.0]))
+    ahead = transform(LEVER_ARM, np.array([distance_m, 0.0, 0.0]))
     for a in range(4):
         for b in range(4):
             seen = project(transform(invert(disturbed[:, b] @ LEVER_ARM), transform(disturbed[:, a], ahead)))

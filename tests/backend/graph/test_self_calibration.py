@@ -1,4 +1,4 @@
-"""A turned mounting and a range bias come back from tracks and sensors, and what was not asked for stays."""
+"""Self-calibration recovers a rotated mounting and a range bias, and changes nothing that is not selected."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ FRAMES = 12
 
 
 def make_problem(bias_m: float = 0.0) -> tuple[BundleProblem, FloatArray, FloatArray]:
-    """A vehicle with a good odometry rolls and turns over a floor."""
+    """A vehicle with accurate odometry that rolls and turns over a floor."""
     rng = np.random.default_rng(0)
     angles = rng.uniform([-0.2, -0.2, -0.3], [0.2, 0.2, 0.3], (FRAMES, 3))
     place = rng.uniform([-0.5, -0.5, 1.8], [0.5, 0.5, 2.2], (FRAMES, 3))
@@ -45,7 +45,7 @@ def make_problem(bias_m: float = 0.0) -> tuple[BundleProblem, FloatArray, FloatA
     return problem, poses, xyz_m
 
 
-def test_a_turned_mounting_is_found() -> None:
+def test_a_rotated_mounting_is_recovered() -> None:
     problem, poses, xyz_m = make_problem()
     truth = np.deg2rad([1.0, -2.0, 1.5])
     turn = make_pose(np.zeros(3), Rotation.from_rotvec(truth))
@@ -61,7 +61,7 @@ def test_a_turned_mounting_is_found() -> None:
 
 
 @pytest.mark.parametrize("bias_m", [0.06, -0.04])
-def test_a_range_bias_is_found(bias_m: float) -> None:
+def test_a_range_bias_is_recovered(bias_m: float) -> None:
     problem, poses, xyz_m = make_problem(bias_m)
     found = calibrate(problem, poses, xyz_m, BackendConfig(estimate_range_bias=True))
     assert found.range_bias_m == pytest.approx(bias_m, abs=min(0.01, 4 * found.sigma[3]))
@@ -71,13 +71,13 @@ def test_a_range_bias_is_found(bias_m: float) -> None:
     assert f"{found.range_bias_m:+.3f} +- {found.sigma[3]:.3f} m" in diagnostic.message
 
 
-def test_nothing_asked_nothing_estimated() -> None:
+def test_nothing_selected_nothing_estimated() -> None:
     problem, poses, xyz_m = make_problem()
     found = calibrate(problem, poses, xyz_m, BackendConfig())
     assert not found.rotation_rad.any() and found.range_bias_m == 0 and found.diagnose() == ()
 
 
-def test_a_sonar_that_stands_still_leaves_the_mounting_as_it_is() -> None:
+def test_a_sonar_at_rest_keeps_the_mounting_with_the_sigma_of_the_prior() -> None:
     problem, poses, xyz_m = make_problem()
     still = np.repeat(poses[:1], FRAMES, axis=0)
     seen = transform(invert(still @ LEVER_ARM), xyz_m[:, None])
@@ -87,4 +87,4 @@ def test_a_sonar_that_stands_still_leaves_the_mounting_as_it_is() -> None:
     config = BackendConfig(estimate_lever_rotation=True, estimate_range_bias=True)
     found = calibrate(replace(problem, sensors=sensors, tracks=tracks), still, xyz_m, config)
     assert np.isfinite(found.sigma).all() and np.abs(found.rotation_rad).max() < 0.02
-    assert found.sigma[0] > 0.05, "nothing was learnt but the prior"
+    assert found.sigma[0] > 0.05, "the data add nothing to the prior"
