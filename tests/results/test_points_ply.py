@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from asfm.results.points_ply import write_points
+from asfm.errors import AsfmError
+from asfm.results.points_ply import read_points, write_points
 from asfm.types import Landmarks
 
 
@@ -39,3 +40,21 @@ def test_points_read_by_trimesh(tmp_path: Path, count: int) -> None:
     np.testing.assert_array_equal(np.ravel(vertices["sigma_m"]), landmarks.sigma_m.astype(np.float32))
     np.testing.assert_array_equal(np.ravel(vertices["views"]), landmarks.views)
     np.testing.assert_array_equal(np.ravel(vertices["well_constrained"]), landmarks.well_constrained)
+
+
+@pytest.mark.parametrize("count", [0, 1, 50])
+def test_points_are_read_back_and_damage_is_a_one_line_error(tmp_path: Path, count: int) -> None:
+    landmarks, path = make_landmarks(count), tmp_path / "points.ply"
+    write_points(path, landmarks)
+    points = read_points(path)
+    for name in ("xyz_m", "views", "well_constrained"):
+        np.testing.assert_array_equal(getattr(points, name), getattr(landmarks, name))
+    np.testing.assert_allclose(points.sigma_m, landmarks.sigma_m, rtol=1e-6)
+    whole = path.read_bytes()
+    for damaged in (whole[:-1], whole + b"x", whole[1:], whole.replace(b"double y", b"float y"), b""):
+        path.write_bytes(damaged)
+        with pytest.raises(AsfmError, match=r"^[^\n]*points\.ply: expected the points of asfm run[^\n]*$"):
+            read_points(path)
+    path.unlink()
+    with pytest.raises(AsfmError, match=r"^[^\n]*points\.ply: cannot read"):
+        read_points(path)
