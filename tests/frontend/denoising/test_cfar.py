@@ -231,7 +231,7 @@ def test_bad_input_is_refused_with_one_clear_line() -> None:
     image = np.zeros((5, 5), dtype=np.float32)
     with pytest.raises(AsfmError, match=r"\(5, 5\) and \(4, 5\)"):
         detect_cfar(image, np.ones((4, 5), dtype=bool), CONFIG)
-    with pytest.raises(AsfmError, match="expected an image"):
+    with pytest.raises(AsfmError, match="expected a non-empty image"):
         detect_cfar(image[:0], np.ones((0, 5), dtype=bool), CONFIG)
 
 

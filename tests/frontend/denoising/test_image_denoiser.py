@@ -5,9 +5,9 @@ import pytest
 
 from asfm.config import Config
 from asfm.evaluation.denoising.metrics import measure_psnr
-from asfm.frontend.denoising.image_denoiser import _undo_saturation, denoise_image, mask_image
+from asfm.frontend.denoising.image_denoiser import _correct_saturation, denoise_image, mask_image
 from asfm.frontend.denoising.noise_model import estimate_floor, estimate_noise
-from asfm.frontend.denoising.wavelet_shrinkage import _noise_gains, _split, shrink_noise
+from asfm.frontend.denoising.wavelet_shrinkage import _band_noise_gains, _decompose, shrink_noise
 from asfm.types import BoolArray, FloatArray, Frame, ImageArray
 
 SHAPE = (300, 160)
@@ -85,9 +85,9 @@ def test_the_share_of_noise_in_each_band_is_that_of_noise(correlated: bool) -> N
         kernel = np.exp(-(np.arange(-8, 9) ** 2) / (2 * 1.2**2))
         noise = np.apply_along_axis(np.convolve, 1, noise, kernel / np.linalg.norm(kernel), "same").astype(np.float32)
         correlation = float(np.exp(-1 / (4 * 1.2**2)))
-    gains, rest = _noise_gains(correlation), noise
+    gains, rest = _band_noise_gains(correlation), noise
     for level in range(len(gains)):
-        bands, smooth = _split(rest, level)
+        bands, smooth = _decompose(rest, level)
         np.testing.assert_allclose(sum(bands) + smooth, rest, atol=1e-5)
         measured = [float(band[20:-20, 20:-20].var()) for band in bands]
         np.testing.assert_allclose(gains[level], measured, rtol=0.05, atol=1e-4)
@@ -98,7 +98,7 @@ def test_saturation_is_undone_on_average() -> None:
     speckle = draw_weibull(np.random.default_rng(2), (400_000,))
     for true in (0.1, 0.4, 0.7, 0.9):
         seen = np.minimum(true * speckle, 1).mean()
-        found = _undo_saturation(np.full((1, 1), seen, dtype=np.float32), CONTRAST)
+        found = _correct_saturation(np.full((1, 1), seen, dtype=np.float32), CONTRAST)
         assert found[0, 0] == pytest.approx(true, abs=0.01)
 
 

@@ -7,7 +7,12 @@ import pytest
 
 from asfm.config import CfarConfig
 from asfm.frontend.denoising.cfar import detect_cfar
-from asfm.frontend.denoising.weibull import RAYLEIGH, SHAPES, estimate_weibull_shape, transform_to_exponential
+from asfm.frontend.denoising.weibull import (
+    RAYLEIGH_SHAPE,
+    SHAPE_LIMITS,
+    estimate_weibull_shape,
+    transform_to_exponential,
+)
 from asfm.types import BoolArray, ImageArray
 
 SHAPE = (512, 256)
@@ -79,7 +84,7 @@ def test_what_is_no_noise_has_an_answer(shape: tuple[int, int], value: float) ->
         assert not detect_cfar(image, full(image), CfarConfig(noise="weibull")).any()
         if np.isfinite(value):
             positive = np.maximum(image, 0)
-            assert estimate_weibull_shape(positive, full(image)) == RAYLEIGH
+            assert estimate_weibull_shape(positive, full(image)) == RAYLEIGH_SHAPE
             assert np.isfinite(transform_to_exponential(positive, full(image))).all()
             assert not transform_to_exponential(image, ~full(image)).any()
 
@@ -98,4 +103,4 @@ def test_extremes_stay_finite_and_within_bounds() -> None:
     expected = detect_cfar(counts.astype(np.float32), full(saturated), CfarConfig(noise="weibull"))
     np.testing.assert_array_equal(detect_cfar(counts, full(saturated), CfarConfig(noise="weibull")), expected)
     faint = 1 + 1e-3 * make_noise(2.0)
-    assert SHAPES[0] <= estimate_weibull_shape(faint, full(faint)) <= SHAPES[1]
+    assert SHAPE_LIMITS[0] <= estimate_weibull_shape(faint, full(faint)) <= SHAPE_LIMITS[1]
