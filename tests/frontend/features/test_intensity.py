@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from asfm.config import KeypointsConfig
-from asfm.frontend.features.intensity import BRIGHT_SHARE, KNEE, find_quantile, normalise_intensity
+from asfm.frontend.features.intensity import BRIGHT_QUANTILE, KNEE, find_quantile, normalise_intensity
 from asfm.types import ImageArray
 
 STILL = KeypointsConfig(smoothing_px=0)
@@ -25,7 +25,7 @@ def test_the_scale_is_linear_below_the_knee_and_never_ends_above() -> None:
     image = np.linspace(0, 1, 40000, dtype=np.float32).reshape(200, 200)
     image[-1, -10:] = 5.0
     even = normalise_intensity(image, STILL)
-    linear = image / find_quantile(image, BRIGHT_SHARE)
+    linear = image / find_quantile(image, BRIGHT_QUANTILE)
     np.testing.assert_allclose(even[linear <= KNEE], linear[linear <= KNEE], rtol=1e-6)
     assert (np.diff(even.ravel()[:-10]) > 0).all() and even[-1, -1] > even[-1, -11] and even.max() < 1
     slope = np.diff(even.ravel()[:-10]).reshape(-1)
