@@ -25,7 +25,7 @@ def refine_subpixel(image: NDArray[np.uint8], xy_px: FloatArray, scale: FloatArr
         scale: (K,) pixels of the image per pixel of the pyramid level of each corner.
 
     Returns:
-        (K, 2) refined positions, at most one and a half pixels of the level away from the corrected ones.
+        (K, 2) refined positions, at most 1.5 pixels of the level from the centre of the pixel that the corner is in.
     """
     refined = xy_px + (scale[:, None] - 1) / 2
     image_size = np.array(image.shape[::-1])
