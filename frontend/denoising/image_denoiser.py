@@ -12,7 +12,7 @@ from asfm.frontend.denoising.wavelet_shrinkage import shrink_noise
 from asfm.types import BoolArray, FloatArray, Frame, ImageArray
 
 MIN_ECHO_SIGMAS, MIN_ECHO_FACTOR = 5.0, 1.5
-"""An echo of the smoothed image exceeds the floor by so many sigmas and by this factor."""
+"""An echo in the smoothed image exceeds the floor by this number of standard deviations and by this factor."""
 MASK_MARGIN_PX = 1
 FILL_WINDOW_PX = 31
 MIN_AMPLITUDE = 1e-12

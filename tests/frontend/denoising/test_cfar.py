@@ -286,10 +286,10 @@ def test_false_alarm_rate_in_recorded_empty_water_of_unknown_compression(
     method: Method, probability: float, shared_data: Path
 ) -> None:
     """A DIDSON that censors most of the noise, and an Oculus whose images show the root of the amplitude."""
-    asked = {"false_alarm_probability": probability, "method": method, "noise": "weibull"}
-    didson = rate_of(shared_data / "didson_hull" / "open_water", slice(None), 12, **asked)
+    configured = {"false_alarm_probability": probability, "method": method, "noise": "weibull"}
+    didson = rate_of(shared_data / "didson_hull" / "open_water", slice(None), 12, **configured)
     assert didson == pytest.approx(probability, rel=0.2)
-    tank = rate_of(shared_data / "oculus_tank_b" / "frames", slice(560, 690), 30, **asked)
+    tank = rate_of(shared_data / "oculus_tank_b" / "frames", slice(560, 690), 30, **configured)
     assert tank == pytest.approx(probability, rel=0.3)
-    plain = rate_of(shared_data / "oculus_tank_b" / "frames", slice(560, 690), 60, **asked | {"noise": "rayleigh"})
+    plain = rate_of(shared_data / "oculus_tank_b" / "frames", slice(560, 690), 60, **configured | {"noise": "rayleigh"})
     assert plain < 0.5 * probability
