@@ -1,7 +1,7 @@
-"""The fan: a polar sonar image drawn to scale, as a person looking along the sonar sees it.
+"""Fan (Cartesian) image of a polar sonar image, and the map between the two.
 
-In the picture ahead (x) is up and port (y) is left; the sonar sits at the middle of the bottom edge, or above it where
-the beams reach behind the sonar. Pixels are square, their centres at +0.5.
+Ahead (x) is up and port (y) is left. The sonar is at the middle of the bottom edge, or above it where beams point
+backwards. Pixels are square, their centres at +0.5.
 """
 
 from dataclasses import dataclass
@@ -16,13 +16,13 @@ from asfm.geometry.sonar import SonarModel
 from asfm.types import BoolArray, FloatArray
 
 _Pixel = TypeVar("_Pixel", bound=np.generic)
-_LARGEST_SIDE_PX = 16384
-"""Half of what OpenCV's 16-bit remap can address; a narrow beam makes a tall fan."""
+_MAX_SIDE_PX = 16384
+"""Half the limit of OpenCV's 16-bit remap; narrow sonars have tall fans."""
 
 
 @dataclass(frozen=True, eq=False)
 class FanGrid:
-    """The pixels of one sonar's fan."""
+    """Pixel grid of the fan image of one sonar."""
 
     sonar: SonarModel
     width_px: int
@@ -30,52 +30,55 @@ class FanGrid:
     pixel_m: float
     """Side of a pixel."""
     left_m: float
-    """y of the picture's left edge."""
+    """y of the left edge, sonar frame."""
     top_m: float
-    """x of the picture's top edge."""
+    """x of the top edge, sonar frame."""
 
     @classmethod
     def fit(cls, sonar: SonarModel, width_px: int, max_height_px: int | None = None) -> "FanGrid":
-        """Fit a fan of a given width around everything that a sonar sees, the sonar itself included.
+        """Fit a grid of a given width to the sonar's field of view, the sonar itself included.
 
-        Where that would be higher than a limit, the fan is made as narrow as that takes.
+        Args:
+            sonar: pixel grid of the polar image.
+            width_px: columns of the fan image.
+            max_height_px: maximum number of rows; a taller fan is made narrower to fit.
 
         Raises:
-            AsfmError: the width is not positive, or the fan would be taller than OpenCV can draw.
+            AsfmError: the width is not positive, or a side is longer than OpenCV's remap supports.
         """
         if width_px < 1:
             raise AsfmError(f"fan image: expected a width of at least 1 px, found {width_px}")
-        x, y = _outline(sonar)
+        x, y = _bounding_points(sonar)
         left_m = float(np.abs(y).max())
         pixel_m = 2 * left_m / width_px
         height_px = int(np.ceil((x.max() - x.min()) / pixel_m - 1e-9))
         if max_height_px is not None and height_px > max_height_px:
             return cls.fit(sonar, max(width_px * max_height_px // height_px, 1))
-        if max(width_px, height_px) > _LARGEST_SIDE_PX:
+        if max(width_px, height_px) > _MAX_SIDE_PX:
             raise AsfmError(
-                f"fan image: {width_px} x {height_px} px is more than {_LARGEST_SIDE_PX} px a side; ask for a width of "
-                f"{width_px * _LARGEST_SIDE_PX // max(width_px, height_px)} px or less"
+                f"fan image: expected at most {_MAX_SIDE_PX} px a side, found {width_px} x {height_px} px; ask for a "
+                f"width of {width_px * _MAX_SIDE_PX // max(width_px, height_px)} px or less"
             )
         return cls(sonar, width_px, height_px, pixel_m, left_m, float(x.min()) + height_px * pixel_m)
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(rows, columns) of the picture."""
+        """(rows, columns) of the fan image."""
         return self.height_px, self.width_px
 
     def pixel_at(self, range_m: FloatArray, bearing_rad: FloatArray) -> FloatArray:
-        """Place (range, bearing), broadcast against each other, in the picture: (..., 2) fractional column and row."""
+        """Map (...) ranges and bearings, broadcast against each other, to (..., 2) fractional columns and rows."""
         x, y = range_m * np.cos(bearing_rad), range_m * np.sin(bearing_rad)
         return np.stack([self.left_m - y, self.top_m - x], axis=-1) / self.pixel_m
 
     def range_bearing_at(self, xy_px: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Read (range_m, bearing_rad) off (..., 2) fractional columns and rows, inside the fan or not."""
+        """Map (..., 2) fractional columns and rows, inside the fan or not, to (...) range_m and bearing_rad."""
         y, x = np.moveaxis(np.array([self.left_m, self.top_m]) - np.asarray(xy_px) * self.pixel_m, -1, 0)
         return np.hypot(x, y), np.arctan2(y, x)
 
     @cached_property
     def inside(self) -> BoolArray:
-        """(rows, columns), true where the centre of the pixel lies inside the fan."""
+        """(rows, columns) true where the centre of the pixel is inside the fan."""
         range_m, bearing_rad = self._centres
         rows, columns = self.sonar.range_edges_m, self.sonar.bearing_edges_rad
         return np.asarray(
@@ -83,44 +86,45 @@ class FanGrid:
         )
 
     def draw(self, image: NDArray[_Pixel], fill: float = 0.0) -> NDArray[_Pixel]:
-        """Draw a polar image as a fan.
+        """Resample a polar image to the fan image.
 
         Args:
-            image: (ranges, beams) of float32 or uint8, sampled linearly, or of bool, sampled at the nearest pixel.
-            fill: the value outside the fan; NaN is allowed for float32.
+            image: (ranges, beams) of float32 or uint8, interpolated linearly, or of bool, nearest pixel.
+            fill: value outside the fan; NaN is allowed for float32.
 
         Returns:
-            (rows, columns) of the image's type.
+            (rows, columns) of the type of the image.
 
         Raises:
-            AsfmError: the image is not of the sonar's shape.
+            AsfmError: the image does not have the shape of the sonar.
         """
         import cv2
 
         if image.shape != self.sonar.shape:
             raise AsfmError(f"fan image: expected {self.sonar.shape} (ranges, beams), found {image.shape}")
-        logical = image.dtype == np.bool_
-        source: NDArray[Any] = image.view(np.uint8) if logical else image
-        how = cv2.INTER_NEAREST if logical else cv2.INTER_LINEAR
-        fan = cv2.remap(np.ascontiguousarray(source), *self._maps, how, borderMode=cv2.BORDER_REPLICATE)
+        is_mask = image.dtype == np.bool_
+        source: NDArray[Any] = image.view(np.uint8) if is_mask else image
+        interpolation = cv2.INTER_NEAREST if is_mask else cv2.INTER_LINEAR
+        fan = cv2.remap(np.ascontiguousarray(source), *self._maps, interpolation, borderMode=cv2.BORDER_REPLICATE)
         fan[~self.inside] = fill
-        return np.asarray(fan.view(np.bool_) if logical else fan)
+        return np.asarray(fan.view(np.bool_) if is_mask else fan)
 
     @cached_property
     def _centres(self) -> tuple[FloatArray, FloatArray]:
+        """Range and bearing of the pixel centres, (rows, columns) each."""
         rows, columns = np.indices(self.shape)
         return self.range_bearing_at(np.stack([columns, rows], axis=-1).astype(float) + 0.5)
 
     @cached_property
     def _maps(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Column and row of the polar image under each pixel; OpenCV counts from the pixels' centres."""
+        """Column and row of the polar image for each pixel, (rows, columns) each; OpenCV's pixel centres are at 0."""
         range_m, bearing_rad = self._centres
         columns, rows = self.sonar.column_at_bearing(bearing_rad), self.sonar.row_at_range(range_m)
         return (columns - 0.5).astype(np.float32), (rows - 0.5).astype(np.float32)
 
 
-def _outline(sonar: SonarModel) -> tuple[FloatArray, FloatArray]:
-    """X and y of points that hold the fan's bounding box: the sonar, the far corners, and the axes between them."""
+def _bounding_points(sonar: SonarModel) -> tuple[FloatArray, FloatArray]:
+    """Return x and y of points that span the bounding box of the fan: the sonar, far corners, and axis crossings."""
     first, last = sonar.bearing_edges_rad[[0, -1]]
     axes = np.array([-np.pi, -np.pi / 2, 0.0, np.pi / 2, np.pi])
     bearing_rad = np.concatenate([[first, last], axes[(axes > first) & (axes < last)]])

@@ -1,7 +1,7 @@
-"""Constant false-alarm rate detection: which pixels stand out from the noise around them.
+"""Constant false-alarm rate (CFAR) detection: CA-, GOCA-, SOCA- and OS-CFAR on 2-D windows.
 
-A cell is detected where its power exceeds factor * statistic of its reference cells, the factor being such that cells
-of exponential power, as the noise of a coherent sonar has, exceed it with the asked probability.
+The cell under test is detected where its power exceeds factor * statistic of its reference (training) cells. The factor
+gives the configured false-alarm probability in exponentially distributed noise power, the noise of a coherent sonar.
 """
 
 import math
@@ -28,81 +28,88 @@ from asfm.types import BoolArray, FloatArray
 Power = NDArray[np.float32]
 
 MIN_FLOOR_SHARE = 0.01
-"""Share of pixels at the image's least value from which on it is where noise was cut off, not the noise's own least."""
+"""From this share of pixels at the image's minimum on, the noise is treated as left-censored at that value."""
 
 
 def detect_cfar(image: NDArray[np.number], valid: BoolArray, config: CfarConfig) -> BoolArray:
-    """Mark the pixels that stand out from their surroundings further than noise does.
+    """Detect the pixels that exceed the CFAR threshold of their reference cells.
 
-    The reference cells are the window of half-size ``reference_px`` without the one of half-size ``guard_px``; only
-    valid cells inside the image count, and the factor is the one for as many as there are. Without any the cell is not
-    detected. A window of no columns is one-dimensional along range.
+    The reference cells are the window of half-size ``reference_px`` without the guard cells (half-size ``guard_px``).
+    Only valid cells inside the image count, and the factor is that for their number; without any, nothing is detected.
+    With half-sizes of 0 columns the window is one-dimensional along range.
 
     Methods (``config.method``):
-        ca: the mean of all reference cells (Finn and Johnson 1968); best in even noise.
-        goca: the greater of the means of the nearer and of the farther rows (Hansen 1973); fewer false alarms where
-            the noise steps up.
-        soca: the smaller of the two (Trunk 1978); does not lose a target beside another one.
-        os: the cell of rank ``order_fraction`` * n (Rohling 1983); holds out against several targets, at some ten
-            times the time.
+        ca: cell averaging, the mean of all reference cells (Finn and Johnson 1968); best in homogeneous noise.
+        goca: greatest of the means of the leading (nearer) and the lagging (farther) window (Hansen 1973); fewer false
+            alarms at clutter edges.
+        soca: smallest of the two means (Trunk 1978); robust against target masking by an interfering target.
+        os: ordered statistic, the cell of rank ``order_fraction`` * n (Rohling 1983); robust against several
+            interfering targets, about ten times slower.
 
     Noise (``config.noise``):
-        rayleigh: amplitude, squared to get its power.
-        exponential: power.
-        weibull: either of them to an unknown power, which is estimated (see ``speckle``). Pixels at the image's least
-            value, where they are many, are noise that was cut off: they tell how often noise exceeds zero, and no more.
+        rayleigh: pixels are amplitudes, squared to get power.
+        exponential: pixels are powers.
+        weibull: Weibull clutter of a shape estimated from the image (see ``weibull``), left-censored where many pixels
+            are at the image's minimum.
 
     Args:
-        image: (ranges, beams) 0 or more, in any unit; what is not finite counts as invalid.
+        image: (ranges, beams) non-negative pixels in any unit; non-finite ones count as invalid.
         valid: (ranges, beams) false where the pixel holds no data; such a pixel is never detected.
-        config: method, noise, probability and windows.
+        config: method, noise, false-alarm probability and windows.
 
     Returns:
         (ranges, beams) true where detected.
 
     Raises:
-        AsfmError: the shapes disagree or there is no pixel.
+        AsfmError: the shapes disagree or the image is empty.
     """
-    _check(image, valid)
+    _check_shapes(image, valid)
     usable = np.asarray(valid & np.isfinite(image))
     values = np.asarray(image, dtype=np.float32)
     if not usable.all():
         values = np.where(usable, values, np.float32(0))
+    return _detect_usable(values, usable, config)
+
+
+def _detect_usable(values: Power, usable: BoolArray, config: CfarConfig) -> BoolArray:
+    """Detect in finite pixels, 0 where not usable."""
     if config.noise == "weibull":
-        return _detect_of_shape(values, usable, config)
+        return _detect_weibull(values, usable, config)
     power = values * values if config.noise == "rayleigh" else values
-    return np.asarray(_exceeds(power, usable, config, None) & usable)
+    return np.asarray(_exceeds_threshold(power, usable, config, None) & usable)
 
 
-def _detect_of_shape(values: Power, usable: BoolArray, config: CfarConfig) -> BoolArray:
-    """Detect in noise of unknown shape, from which the least values may have been cut off."""
-    everywhere = bool(usable.all())
-    floor = (values if everywhere else np.where(usable, values, np.float32(np.inf))).min()
-    above = values > floor if everywhere else usable & (values > floor)
+def _detect_weibull(values: Power, usable: BoolArray, config: CfarConfig) -> BoolArray:
+    """Detect in Weibull clutter of unknown shape, left-censored if many pixels are at the minimum."""
+    all_usable = bool(usable.all())
+    floor = (values if all_usable else np.where(usable, values, np.float32(np.inf))).min()
+    above = values > floor if all_usable else usable & (values > floor)
     if np.count_nonzero(above) > (1 - MIN_FLOOR_SHARE) * np.count_nonzero(usable):
-        return np.asarray(_exceeds(transform_to_exponential(values, usable), usable, config, None) & usable)
+        return np.asarray(_exceeds_threshold(transform_to_exponential(values, usable), usable, config, None) & usable)
     correction = _censoring_correction(above, usable, config)
-    detected = _exceeds(transform_to_exponential(values, above), above, config, correction) | (correction <= 0)
+    power = transform_to_exponential(values, above)
+    detected = _exceeds_threshold(power, above, config, correction) | (correction <= 0)
     return np.asarray(detected & above)
 
 
 def _censoring_correction(above: BoolArray, usable: BoolArray, config: CfarConfig) -> Power:
-    """Find what the factors shrink to where only the share q of the reference cells is above the floor. (R, B).
+    """Compute the threshold correction for left-censored noise: (ranges, beams) multipliers of the factor in 0..1.
 
-    The asked probability P is that of a cell of any value, so among those above the floor it is P / q. Factors grow as
-    its logarithm, but for few cells. Where q is P or less, every cell above the floor is rare enough.
+    With a share q of the reference cells above the floor, the false-alarm probability P of any cell is P / q among the
+    cells above it. The factor is proportional to -log P, except for few cells. Where q <= P every cell above the floor
+    is a detection.
     """
     counts = [count_reference_cells(mask, config.reference_px, config.guard_px) for mask in (above, usable)]
     with np.errstate(divide="ignore", invalid="ignore"):
         logarithm = np.log(np.arange(counts[1].max() + 1)).astype(np.float32)
         logarithm[0] = -np.inf
-        share = logarithm.take(counts[0]) - logarithm.take(counts[1])
-    correction = np.maximum(1 - share / np.float32(math.log(config.false_alarm_probability)), 0)
+        log_share = logarithm.take(counts[0]) - logarithm.take(counts[1])
+    correction = np.maximum(1 - log_share / np.float32(math.log(config.false_alarm_probability)), 0)
     return np.where(counts[1] > 0, correction, np.float32(1))
 
 
-def _exceeds(power: Power, usable: BoolArray, config: CfarConfig, correction: Power | None) -> BoolArray:
-    """Compare exponential power with factor * statistic, the factor times the correction where there is one."""
+def _exceeds_threshold(power: Power, usable: BoolArray, config: CfarConfig, correction: Power | None) -> BoolArray:
+    """Compare exponential power with factor * statistic; the factor is multiplied by the correction, if given."""
     # Without reference cells the factor is infinite and the statistic zero: their product compares false.
     with np.errstate(invalid="ignore", divide="ignore"):
         if config.method == "ca":
@@ -114,45 +121,47 @@ def _exceeds(power: Power, usable: BoolArray, config: CfarConfig, correction: Po
 
 def _exceeds_ca(power: Power, usable: BoolArray, config: CfarConfig, correction: Power | None) -> BoolArray:
     total = sum_reference_cells(power, config.reference_px, config.guard_px)
-    (weight,) = _weigh(usable, config)
-    limit = np.multiply(_not_negative(total), weight, out=total)
+    (weight,) = _sum_weights(usable, config)
+    threshold = np.multiply(_clip_negative(total), weight, out=total)
     if correction is not None:
-        limit *= correction
-    return np.asarray(power > limit)
+        threshold *= correction
+    return np.asarray(power > threshold)
 
 
 def _exceeds_goca_soca(power: Power, usable: BoolArray, config: CfarConfig, correction: Power | None) -> BoolArray:
     sums = sum_leading_lagging(power, config.reference_px, config.guard_px)  # both may share memory
-    before, behind = (_not_negative(total) * weight for total, weight in zip(sums, _weigh(usable, config), strict=True))
-    # A half without cells has no number: the smaller one is the other.
-    limit = (np.maximum if config.method == "goca" else np.fmin)(before, behind)
+    leading, lagging = (
+        _clip_negative(total) * weight for total, weight in zip(sums, _sum_weights(usable, config), strict=True)
+    )
+    # An empty half-window is NaN: fmin returns the other half.
+    threshold = (np.maximum if config.method == "goca" else np.fmin)(leading, lagging)
     if correction is not None:
-        limit *= correction
-    return np.asarray(power > limit)
+        threshold *= correction
+    return np.asarray(power > threshold)
 
 
-def _weigh(usable: BoolArray, config: CfarConfig) -> tuple[FloatArray, ...]:
-    """Find what the sums over the reference cells are multiplied by: (R, B) for all cells, or for each of two halves.
+def _sum_weights(usable: BoolArray, config: CfarConfig) -> tuple[FloatArray, ...]:
+    """Compute factor / count, the (ranges, beams) weight of the reference sum, one for CA, two for GOCA and SOCA.
 
-    In images without a gap it is the same from frame to frame, and kept.
+    Images without invalid pixels share the same weights, which are cached.
     """
     settings = (config.reference_px, config.guard_px, config.false_alarm_probability)
     if usable.all():
-        return _weigh_full(usable.shape, config.method, *settings)
-    return _weigh_counts(usable, config.method, *settings)
+        return _cached_weights(usable.shape, config.method, *settings)
+    return _weights_from_counts(usable, config.method, *settings)
 
 
 @lru_cache(maxsize=4)
-def _weigh_full(
+def _cached_weights(
     shape: tuple[int, ...], method: str, reference_px: HalfSize, guard_px: HalfSize, probability: float
 ) -> tuple[FloatArray, ...]:
-    weights = _weigh_counts(np.ones(shape, dtype=bool), method, reference_px, guard_px, probability)
+    weights = _weights_from_counts(np.ones(shape, dtype=bool), method, reference_px, guard_px, probability)
     for weight in weights:
         weight.flags.writeable = False
     return weights
 
 
-def _weigh_counts(
+def _weights_from_counts(
     usable: BoolArray, method: str, reference_px: HalfSize, guard_px: HalfSize, probability: float
 ) -> tuple[FloatArray, ...]:
     if method == "ca":
@@ -163,7 +172,7 @@ def _weigh_counts(
     rows, columns = clip_half(reference_px, usable.shape)
     greatest = method == "goca"
     factor = lookup_goca_soca_factors(*halves, rows * (2 * columns + 1), probability, greatest)
-    # Without cells the one half leaves the choice to the other, and both, of infinite factor, detect nothing.
+    # An empty half-window must not win the comparison; two empty ones, of infinite factor, must detect nothing.
     empty = np.where(np.isinf(factor), np.inf, 0.0) if greatest else np.inf
     return tuple(np.where(count > 0, factor / np.maximum(count, 1), empty) for count in halves)
 
@@ -174,21 +183,21 @@ def _exceeds_os(power: Power, usable: BoolArray, config: CfarConfig, correction:
     factor = os_factors(counts, config.false_alarm_probability, config.order_fraction).take(count)
     if correction is not None:
         factor *= correction
-    # The cell of rank k lies below the limit where k cells do: nothing has to be sorted.
+    # The cell of rank k is below power / factor where at least k cells are: no sorting is needed.
     limit = (power / factor).astype(np.float32)
     reference = power if usable.all() else np.where(usable, power, np.float32(np.inf))
     below = count_ring_below(reference, limit, config.reference_px, config.guard_px)
     return np.asarray(below >= order_ranks(counts, config.order_fraction).take(count))
 
 
-def _not_negative(total: FloatArray) -> FloatArray:
-    """Undo what running sums may leave over where there is nothing."""
+def _clip_negative(total: FloatArray) -> FloatArray:
+    """Set to zero, in place, the negative rounding residue that running sums leave where the true sum is zero."""
     return np.maximum(total, 0.0, out=total)
 
 
-def _check(image: NDArray[np.number], valid: BoolArray) -> None:
+def _check_shapes(image: NDArray[np.number], valid: BoolArray) -> None:
     if image.ndim != 2 or image.shape != valid.shape or image.size == 0:
         raise AsfmError(
-            f"CFAR: expected an image (ranges, beams) and a validity mask of its shape, "
-            f"found {image.shape} and {valid.shape}"
+            f"CFAR: expected a non-empty image (ranges, beams) and a validity mask of the same shape, "
+            f"found the shapes {image.shape} and {valid.shape}"
         )

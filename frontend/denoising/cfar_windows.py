@@ -1,7 +1,7 @@
-"""Sums over windows around every pixel; what lies outside the image adds nothing.
+"""CFAR reference-cell sums and counts: box filters with a guard window.
 
-The windows are rings: a reference rectangle without the guard rectangle inside it, both centred on the pixel and given
-by their half-sizes (rows, columns).
+The reference (training) cells of a cell under test are a rectangle without the guard cells, a smaller rectangle. Both
+are centred on the cell and given by their half-sizes (rows, columns). Cells outside the image contribute nothing.
 """
 
 from typing import Any
@@ -15,20 +15,21 @@ from asfm.types import BoolArray
 HalfSize = tuple[int, int]
 
 BLOCK_PIXELS = 32768
+"""Pixels of the blocks in which OS-CFAR counts, small enough for the processor's cache."""
 
 NumberArray = NDArray[Any]
 
 
 def sum_reference_cells(image: NumberArray, reference_px: HalfSize, guard_px: HalfSize) -> NumberArray:
-    """Sum an image over the ring around each pixel.
+    """Sum an image over the reference cells of each pixel.
 
     Args:
-        image: (R, B) of float32, or of uint8 to be counted.
-        reference_px: half-size of the outer rectangle.
-        guard_px: half-size of the inner one, no larger.
+        image: (ranges, beams) of float32, or of uint8 0 and 1 to count cells.
+        reference_px: half-size (rows, columns) of the reference window.
+        guard_px: half-size (rows, columns) of the guard window, not larger.
 
     Returns:
-        (R, B) of float64, or of int32 where the image is uint8.
+        (ranges, beams) of float64, or of int32 for a uint8 image.
     """
     outer, inner = (_sum_box(image, clip_half(half, image.shape)) for half in (reference_px, guard_px))
     return np.asarray(np.subtract(outer, inner, out=outer))
@@ -37,31 +38,36 @@ def sum_reference_cells(image: NumberArray, reference_px: HalfSize, guard_px: Ha
 def sum_leading_lagging(
     image: NumberArray, reference_px: HalfSize, guard_px: HalfSize
 ) -> tuple[NumberArray, NumberArray]:
-    """Sum an image over the rows of the ring before each pixel, and over those behind it.
+    """Sum an image over the leading (nearer) and the lagging (farther) reference cells of each pixel.
 
-    The pixel's own row belongs to neither half. Arguments and results (two of them) are those of
-    :func:`sum_reference_cells`.
+    Cells in the row of the cell under test belong to neither window. See :func:`sum_reference_cells` for the arguments.
+
+    Returns:
+        Two (ranges, beams) arrays, leading and lagging, of the type that :func:`sum_reference_cells` returns.
     """
     reference_px, guard_px = clip_half(reference_px, image.shape), clip_half(guard_px, image.shape)
     depth = reference_px[0]
     if depth == 0:
-        nothing = np.zeros(image.shape, dtype=np.int32 if image.dtype == np.uint8 else np.float64)
-        return nothing, nothing
+        zeros = np.zeros(image.shape, dtype=np.int32 if image.dtype == np.uint8 else np.float64)
+        return zeros, zeros
     padded = cv2.copyMakeBorder(image, depth, depth + 1, 0, 0, cv2.BORDER_CONSTANT)
-    outer = _sum_rows_ahead(padded, reference_px)
-    before, behind = outer[: len(image)], outer[depth + 1 :][: len(image)]
+    outer = _sum_following_rows(padded, reference_px)
+    leading, lagging = outer[: len(image)], outer[depth + 1 :][: len(image)]
     if guard_px[0] == 0:
-        return before, behind
-    inner = _sum_rows_ahead(padded, guard_px)
-    return before - inner[depth - guard_px[0] :][: len(image)], behind - inner[depth + 1 :][: len(image)]
+        return leading, lagging
+    inner = _sum_following_rows(padded, guard_px)
+    return leading - inner[depth - guard_px[0] :][: len(image)], lagging - inner[depth + 1 :][: len(image)]
 
 
 def count_reference_cells(mask: BoolArray, reference_px: HalfSize, guard_px: HalfSize) -> NDArray[np.intp]:
-    """Count the mask's pixels around each pixel: :func:`sum_reference_cells`, at once if the mask is full."""
+    """Count the true reference cells of each pixel of a (ranges, beams) mask: (ranges, beams).
+
+    The same as :func:`sum_reference_cells` of the mask, in closed form if the mask is all true.
+    """
     if not mask.all():
         return np.asarray(sum_reference_cells(as_counts(mask), reference_px, guard_px), dtype=np.intp)
     outer, inner = (
-        np.outer(*(_count_line(length, half, half) for length, half in zip(mask.shape, half_px, strict=True)))
+        np.outer(*(_count_along_axis(length, half, half) for length, half in zip(mask.shape, half_px, strict=True)))
         for half_px in (reference_px, guard_px)
     )
     return np.asarray(np.subtract(outer, inner, out=outer))
@@ -70,37 +76,40 @@ def count_reference_cells(mask: BoolArray, reference_px: HalfSize, guard_px: Hal
 def count_leading_lagging(
     mask: BoolArray, reference_px: HalfSize, guard_px: HalfSize
 ) -> tuple[NumberArray, NumberArray]:
-    """Count the mask's pixels before and behind: :func:`sum_leading_lagging`, at once if the mask is full."""
+    """Count the true leading and lagging reference cells of each pixel of a (ranges, beams) mask: two (ranges, beams).
+
+    The same as :func:`sum_leading_lagging` of the mask, in closed form if the mask is all true.
+    """
     if not mask.all():
         return sum_leading_lagging(as_counts(mask), reference_px, guard_px)
-    columns = [_count_line(mask.shape[1], half[1], half[1]) for half in (reference_px, guard_px)]
-    before = [_count_line(len(mask), half[0], -1) for half in (reference_px, guard_px)]
-    outer, inner = (np.outer(*lines) for lines in zip(before, columns, strict=True))
-    first = np.subtract(outer, inner, out=outer)
-    return first, first[::-1]
+    columns = [_count_along_axis(mask.shape[1], half[1], half[1]) for half in (reference_px, guard_px)]
+    rows = [_count_along_axis(len(mask), half[0], -1) for half in (reference_px, guard_px)]
+    outer, inner = (np.outer(*counts) for counts in zip(rows, columns, strict=True))
+    leading = np.subtract(outer, inner, out=outer)
+    return leading, leading[::-1]
 
 
-def _count_line(length: int, before: int, behind: int) -> NDArray[np.intp]:
-    """Count, for each of a line's pixels, those on the line from so many before it to so many behind it."""
-    here = np.arange(length)
-    before, behind = min(before, length), min(behind, length)
-    first, last = np.maximum(here - before, 0), np.minimum(here + behind, length - 1)
+def _count_along_axis(length: int, before: int, after: int) -> NDArray[np.intp]:
+    """Count the pixels from i - before to i + after that lie on an axis, for each of its pixels i: (length,)."""
+    index = np.arange(length)
+    before, after = min(before, length), min(after, length)
+    first, last = np.maximum(index - before, 0), np.minimum(index + after, length - 1)
     return np.asarray(np.maximum(last - first + 1, 0), dtype=np.intp)
 
 
 def count_ring_below(
     image: NDArray[np.float32], limit: NDArray[np.float32], reference_px: HalfSize, guard_px: HalfSize
 ) -> NDArray[np.int32]:
-    """Count the pixels of the ring that are smaller than the limit of the pixel in its middle.
+    """Count the reference cells of each pixel that are below the limit of that pixel.
 
     Args:
-        image: (R, B), infinite where a pixel shall never count.
-        limit: (R, B).
-        reference_px: half-size of the outer rectangle.
-        guard_px: half-size of the inner one.
+        image: (ranges, beams), infinite where a pixel must never count.
+        limit: (ranges, beams).
+        reference_px: half-size (rows, columns) of the reference window.
+        guard_px: half-size (rows, columns) of the guard window.
 
     Returns:
-        (R, B) of int32.
+        (ranges, beams) of int32.
     """
     rows, columns = clip_half(reference_px, image.shape)
     offsets = [
@@ -111,35 +120,36 @@ def count_ring_below(
     ]
     padded = np.pad(image, ((rows, rows), (columns, columns)), constant_values=np.inf)
     counts = np.zeros(image.shape, dtype=np.int32)
-    # One shift of a block at a time, blocks small enough for the processor's cache, bytes as long as they can hold it.
+    # Blocks of rows stay in the processor's cache, and up to 255 offsets can be counted in bytes.
     height = max(BLOCK_PIXELS // image.shape[1], 1)
     for start in range(0, len(image), height):
         block = limit[start : start + height]
-        surroundings = padded[start : start + len(block) + 2 * rows]
+        padded_block = padded[start : start + len(block) + 2 * rows]
         for first in range(0, len(offsets), 255):
-            counts[start : start + height] += _count_below(surroundings, block, offsets[first : first + 255])
+            counts[start : start + height] += _count_below(padded_block, block, offsets[first : first + 255])
     return counts
 
 
 def _count_below(
-    surroundings: NDArray[np.float32], limit: NDArray[np.float32], offsets: list[tuple[int, int]]
+    padded: NDArray[np.float32], limit: NDArray[np.float32], offsets: list[tuple[int, int]]
 ) -> NDArray[np.uint8]:
+    """Count, over at most 255 offsets (row, column), the shifted pixels below the (H, W) limit: (H, W)."""
     below = np.empty(limit.shape, dtype=bool)
     counts = np.zeros(limit.shape, dtype=np.uint8)
     for row, column in offsets:
-        shifted = surroundings[row : row + limit.shape[0], column : column + limit.shape[1]]
+        shifted = padded[row : row + limit.shape[0], column : column + limit.shape[1]]
         np.less(shifted, limit, out=below)
         np.add(counts, below.view(np.uint8), out=counts)
     return counts
 
 
 def clip_half(half_px: HalfSize, shape: tuple[int, ...]) -> HalfSize:
-    """Shrink a half-size to the image's: a window that outgrows the image sees no more by being larger still."""
+    """Clip a half-size to that of a window that covers the image (ranges, beams) from every pixel."""
     return min(half_px[0], shape[0] - 1), min(half_px[1], shape[1] - 1)
 
 
 def as_counts(mask: BoolArray) -> NDArray[np.uint8]:
-    """See a mask as zeros and ones, without a copy where it can be."""
+    """View a mask as uint8 zeros and ones, without a copy if it is contiguous."""
     return np.ascontiguousarray(mask).view(np.uint8)
 
 
@@ -148,8 +158,8 @@ def _sum_box(image: NumberArray, half_px: HalfSize) -> NumberArray:
     return np.asarray(cv2.boxFilter(image, _sum_type(image), size, normalize=False, borderType=cv2.BORDER_CONSTANT))
 
 
-def _sum_rows_ahead(image: NumberArray, half_px: HalfSize) -> NumberArray:
-    """Sum from each pixel's row over as many rows as the half-size has, and over the columns to either side."""
+def _sum_following_rows(image: NumberArray, half_px: HalfSize) -> NumberArray:
+    """Sum over half_px[0] rows from each pixel's own row on, and over half_px[1] columns on either side."""
     size, anchor = (2 * half_px[1] + 1, half_px[0]), (half_px[1], 0)
     return np.asarray(
         cv2.boxFilter(image, _sum_type(image), size, anchor=anchor, normalize=False, borderType=cv2.BORDER_CONSTANT)

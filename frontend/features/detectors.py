@@ -1,4 +1,4 @@
-"""OpenCV's feature detectors behind one function: find, refine and describe the features of a picture of bytes."""
+"""Feature detectors of OpenCV (A-KAZE, ORB, SIFT, BRISK) with one interface: detection, refinement, description."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,37 +13,38 @@ from asfm.frontend.features.subpixel import refine_subpixel
 from asfm.types import Descriptors, FloatArray
 
 Picture = NDArray[np.uint8]
+"""8-bit image in which features are detected."""
 
 ORB_SCALE = 1.2
-"""Each level of ORB's pyramid is this much smaller than the one before."""
+"""Scale factor between the levels of ORB's image pyramid."""
 
 
 @dataclass(frozen=True)
 class Features:
-    """What a detector found, strongest first."""
+    """Features of one image, strongest first."""
 
     xy_px: FloatArray
     """(K, 2) fractional column and row, pixel centres at +0.5."""
     response: FloatArray
-    """(K,) in the detector's own unit."""
+    """(K,) in the unit of the detector."""
     descriptors: Descriptors
     """(K, D)"""
 
 
 @dataclass(frozen=True)
 class Detector:
-    """One of OpenCV's."""
+    """A detector of OpenCV and its defaults."""
 
     make: Callable[[float, KeypointsConfig], Any]
-    """Makes it of a threshold and the settings."""
+    """Constructor: OpenCV's detector from a threshold and the settings."""
     threshold: float
-    """That of the detector unless the settings say otherwise, in its own unit."""
-    weak_share: float
-    """Features down to this share of the threshold fill up a picture with few; 1 where responses have another unit."""
+    """Default detection threshold, in the unit of the detector."""
+    weak_threshold_ratio: float
+    """Images with few features also use those above this ratio of the threshold; 1: the response has another unit."""
     floor_px: float
-    """Standard deviation of its best features' places, measured against the truth of simulated scenes."""
+    """Standard deviation of the position of its best features, measured on simulated scenes with ground truth."""
     descriptor: tuple[int, type[np.uint8] | type[np.float32]]
-    """Length and type of its descriptors: bytes hold bits, compared by Hamming distance; floats, by Euclid's."""
+    """Length and type of the descriptors: packed bits (Hamming distance) or floats (Euclidean distance)."""
 
 
 def _make_akaze(threshold: float, settings: KeypointsConfig) -> Any:
@@ -56,7 +57,7 @@ def _make_orb(threshold: float, settings: KeypointsConfig) -> Any:
 
 
 def _make_sift(threshold: float, settings: KeypointsConfig) -> Any:
-    return cv2.SIFT.create(0, 3, threshold, 10, 1.6, cv2.CV_32F, True)  # the last: no shift of the doubled image
+    return cv2.SIFT.create(0, 3, threshold, 10, 1.6, cv2.CV_32F, True)  # enable_precise_upscale: no half-pixel shift
 
 
 def _make_brisk(threshold: float, settings: KeypointsConfig) -> Any:
@@ -69,57 +70,60 @@ DETECTORS = {
     "sift": Detector(_make_sift, 0.02, 1.0, 0.7, (128, np.float32)),
     "brisk": Detector(_make_brisk, 5.0, 1.0, 0.9, (64, np.uint8)),
 }
-"""Thresholds: A-KAZE's of the Hessian's determinant, SIFT's of the contrast, ORB's and BRISK's in steps of grey."""
+"""Thresholds: A-KAZE on the determinant of the Hessian, SIFT on contrast, ORB and BRISK on grey level differences."""
 
 
-def find_features(picture: Picture, allowed: Picture, settings: KeypointsConfig) -> Features:
-    """Find the features of a picture that are strong enough, or the strongest where few are.
+def find_features(image: Picture, mask: Picture, settings: KeypointsConfig) -> Features:
+    """Detect and describe the features above the threshold, or the strongest ones if these are fewer than min_count.
 
     Args:
-        picture: (height, width).
-        allowed: (height, width), non-zero where features may lie.
-        settings: detector, threshold, upright, min_count and max_count are read.
+        image: (height, width).
+        mask: (height, width), non-zero where features may be detected.
+        settings: detector, threshold, upright, min_count and max_count are used.
+
+    Returns:
+        At most max_count features, strongest first.
     """
-    found, descriptors = _detect_and_describe(picture, allowed, settings)
-    if not found:
+    keypoints, descriptors = _detect_and_describe(image, mask, settings)
+    if not keypoints:
         return no_features(settings)
-    response = np.array([keypoint.response for keypoint in found])
+    response = np.array([keypoint.response for keypoint in keypoints])
     order = np.argsort(-response, kind="stable")[: _count_kept(response, settings)]
-    xy_px = np.array([keypoint.pt for keypoint in found])[order] + 0.5
+    xy_px = np.array([keypoint.pt for keypoint in keypoints])[order] + 0.5
     if settings.detector == "orb":
-        octave = np.array([keypoint.octave for keypoint in found])[order]
-        xy_px = refine_subpixel(picture, xy_px, ORB_SCALE**octave)
-    chosen: Descriptors = descriptors[order]
-    return Features(xy_px, response[order], chosen)
+        octave = np.array([keypoint.octave for keypoint in keypoints])[order]
+        xy_px = refine_subpixel(image, xy_px, ORB_SCALE**octave)
+    kept: Descriptors = descriptors[order]
+    return Features(xy_px, response[order], kept)
 
 
 def no_features(settings: KeypointsConfig) -> Features:
-    """Give an empty answer of the detector's type."""
+    """Return zero features with the descriptor length and type of the detector."""
     length, kind = DETECTORS[settings.detector].descriptor
     descriptors: Any = np.zeros((0, length), dtype=kind)
     return Features(np.zeros((0, 2)), np.zeros(0), descriptors)
 
 
 def _count_kept(response: FloatArray, settings: KeypointsConfig) -> int:
-    """Count the features that are strong enough, or as many as a picture shall have at least."""
+    """Count the features to keep: those above the threshold, within min_count..max_count."""
     detector = DETECTORS[settings.detector]
-    if detector.weak_share == 1:
+    if detector.weak_threshold_ratio == 1:
         return settings.max_count
     strong = int(np.count_nonzero(response >= (settings.threshold or detector.threshold)))
     return min(max(strong, settings.min_count), settings.max_count)
 
 
-def _detect_and_describe(picture: Picture, allowed: Picture, settings: KeypointsConfig) -> Any:
-    """Give OpenCV's keypoints and their descriptors; upright ones are described as if none was turned.
+def _detect_and_describe(image: Picture, mask: Picture, settings: KeypointsConfig) -> Any:
+    """Return OpenCV's keypoints and descriptors; with ``upright`` they are described with orientation zero.
 
-    BRISK finds the directions anew whatever it is told.
+    BRISK always estimates the orientation itself.
     """
     detector = DETECTORS[settings.detector]
-    finder = detector.make(detector.weak_share * (settings.threshold or detector.threshold), settings)
+    opencv = detector.make(detector.weak_threshold_ratio * (settings.threshold or detector.threshold), settings)
     if settings.detector in ("akaze", "brisk") or not settings.upright:
-        return finder.detectAndCompute(picture, allowed)
-    places: dict[tuple[float, ...], Any] = {}
-    for keypoint in finder.detect(picture, allowed):
+        return opencv.detectAndCompute(image, mask)
+    unique: dict[tuple[float, ...], Any] = {}
+    for keypoint in opencv.detect(image, mask):
         keypoint.angle = 0.0
-        places.setdefault((*keypoint.pt, keypoint.size), keypoint)  # SIFT gives one for each direction
-    return finder.compute(picture, list(places.values())) if places else ((), None)
+        unique.setdefault((*keypoint.pt, keypoint.size), keypoint)  # SIFT repeats a keypoint for each orientation
+    return opencv.compute(image, list(unique.values())) if unique else ((), None)

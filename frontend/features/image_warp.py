@@ -1,4 +1,4 @@
-"""Where features are looked for: the polar image stretched to near-square pixels, or the fan drawn to scale."""
+"""Image warps for feature detection: polar image stretched to near-square pixels, or Cartesian (fan) image."""
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -13,34 +13,34 @@ from asfm.geometry.fan import FanGrid
 from asfm.geometry.sonar import SonarModel
 from asfm.types import BoolArray, FloatArray, ImageArray
 
-LARGEST_FAN_PX = 2048
-"""Longest side of the fan in which features are looked for."""
+MAX_FAN_SIDE_PX = 2048
+"""Longest side of the Cartesian image."""
 
 
 class ImageWarp(Protocol):
-    """A picture made of the polar image, and the way back."""
+    """Map from the polar image to the image in which features are detected, and its inverse."""
 
     def warp(self, image: ImageArray) -> ImageArray:
-        """Draw a (ranges, beams) image: (height, width)."""
+        """Warp a (ranges, beams) image: (height, width)."""
 
     def warp_mask(self, mask: BoolArray) -> NDArray[np.uint8]:
-        """Draw a (ranges, beams) mask: (height, width), non-zero where features may lie."""
+        """Warp a (ranges, beams) mask: (height, width), non-zero where features may be detected."""
 
     def to_polar(self, xy_px: FloatArray) -> FloatArray:
-        """Turn (K, 2) fractional columns and rows of the picture into (K, 2) rows and columns of the polar image."""
+        """Map (K, 2) fractional columns and rows of the warped image to (K, 2) rows and columns of the polar image."""
 
     def from_polar(self, row_column: FloatArray) -> FloatArray:
-        """Turn (K, 2) rows and columns of the polar image into (K, 2) fractional columns and rows of the picture."""
+        """Map (K, 2) fractional rows and columns of the polar image to (K, 2) columns and rows of the warped image."""
 
 
 @dataclass(frozen=True)
 class StretchedPolarWarp:
-    """The polar image with its bearing axis stretched."""
+    """Polar image with a stretched bearing axis."""
 
     shape: tuple[int, int]
     """(ranges, beams) of the polar image."""
     width_px: int
-    """Of the picture."""
+    """Columns of the warped image."""
 
     def warp(self, image: ImageArray) -> ImageArray:
         """See :class:`ImageWarp`."""
@@ -62,7 +62,10 @@ class StretchedPolarWarp:
 
 @dataclass(frozen=True, eq=False)
 class CartesianWarp:
-    """The fan of square pixels. Beyond its edges the outermost echoes go on: its outline is no feature."""
+    """Cartesian (fan) image of square pixels.
+
+    The image is replicated beyond the border of the fan, so that the border itself causes no features.
+    """
 
     grid: FanGrid
 
@@ -91,7 +94,7 @@ class CartesianWarp:
 
     @cached_property
     def _maps(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Column and row of the polar image under each pixel; OpenCV counts from the pixels' centres."""
+        """Column and row of the polar image for each pixel, (height, width) each; OpenCV's pixel centres are at 0."""
         rows, columns = np.indices(self.grid.shape)
         centres = np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float) + 0.5
         row_column = self.to_polar(centres) - 0.5
@@ -101,18 +104,22 @@ class CartesianWarp:
 
 @lru_cache(maxsize=4)
 def make_image_warp(sonar: SonarModel, settings: KeypointsConfig) -> ImageWarp:
-    """Make the space that the settings ask for; a sonar's fan is laid out once.
+    """Make the warp that the settings select, cached for each sonar.
 
-    The fan's pixels are as long as a range bin, unless that makes it larger than features need.
+    Pixels of the Cartesian image are as long as a range bin, unless its sides would exceed ``MAX_FAN_SIDE_PX``.
+
+    Args:
+        sonar: pixel grid of the polar image.
+        settings: space and max_stretch are used.
     """
     if settings.space == "polar":
         return StretchedPolarWarp(sonar.shape, round(sonar.shape[1] * column_stretch(sonar, settings)))
     half_width_m = FanGrid.fit(sonar, 1).left_m
-    width_px = int(np.clip(round(2 * half_width_m / sonar.range_step_m), 1, LARGEST_FAN_PX))
-    return CartesianWarp(FanGrid.fit(sonar, width_px, LARGEST_FAN_PX))
+    width_px = int(np.clip(round(2 * half_width_m / sonar.range_step_m), 1, MAX_FAN_SIDE_PX))
+    return CartesianWarp(FanGrid.fit(sonar, width_px, MAX_FAN_SIDE_PX))
 
 
 def column_stretch(sonar: SonarModel, settings: KeypointsConfig) -> float:
-    """Give the factor that makes a pixel at the middle range as wide as it is high, within 1..max_stretch."""
+    """Return the stretch of the bearing axis that makes pixels square at the middle range, within 1..max_stretch."""
     middle_m = 0.5 * (sonar.range_edges_m[0] + sonar.range_edges_m[-1])
     return float(np.clip(middle_m * sonar.bearing_step_rad / sonar.range_step_m, 1.0, settings.max_stretch))

@@ -1,4 +1,4 @@
-"""Features inside the mask, with their places in the polar image and the patches around them."""
+"""Keypoint detection: features inside the echo mask, in polar image coordinates, with descriptors and patches."""
 
 from dataclasses import replace
 
@@ -14,42 +14,45 @@ from asfm.frontend.features.patches import cut_patches
 from asfm.geometry.sonar import SonarModel
 from asfm.types import BoolArray, Frame, ImageArray, Keypoints
 
-SMALLEST_PX = 16
-"""Smaller images hold no feature that could be found again."""
+MIN_SIDE_PX = 16
+"""Smaller images have no repeatable features."""
 BORDER_ROWS = 16
-"""The nearest and farthest rows hold more of the sonar's own noise, which stands still, than of the scene."""
+"""Nearest and farthest rows without features: they hold more static noise of the sonar itself than of the scene."""
 PADDING_PX = (0, 16)
-"""(rows, columns) by which the picture goes on mirrored: detectors stay away from borders, but outer beams see well."""
-SMALL_PX = 128
+"""(rows, columns) of reflected padding: detectors leave out borders, but the outer beams are as good as others."""
+SMALL_SIDE_PX = 128
 SMALL_PADDING_PX = 32
-"""A side below SMALL_PX is padded by this: A-KAZE finds nothing within some 27 pixels of a border."""
-SURROUNDINGS_PX = 64
-"""How much of the picture around the mask a detector sees: A-KAZE takes most of the time, by the pixel, and describes
-features of its first two octaves by what is so near."""
+"""Padding of a side below SMALL_SIDE_PX: A-KAZE detects nothing within about 27 pixels of a border."""
+CROP_MARGIN_PX = 64
+"""Margin of the crop around the mask. The time of A-KAZE is proportional to the pixels, and the descriptors of its
+first two octaves reach no farther."""
 
 
 def detect_keypoints(frame: Frame, mask: BoolArray, sonar: SonarModel, config: Config) -> Keypoints:
-    """Detect and describe features of one frame, strongest first.
+    """Detect and describe the features of one frame, strongest first.
 
-    Beams are coarser than range bins on most sonars, and detectors assume square pixels: they look at the image
-    stretched along the bearing, or at the fan. Coordinates are those of the polar image, whichever it was.
+    Beams are coarser than range bins on most sonars and detectors assume square pixels, so features are detected in a
+    warped image (see ``image_warp``). Their coordinates are those of the polar image in either case.
 
     Args:
-        frame: image of shape (ranges, beams), of any gain; integers are taken for what they are.
-        mask: (ranges, beams) where features may lie.
-        sonar: the pixel grid.
-        config: section ``keypoints`` and the radius of the patches are read.
+        frame: image of shape (ranges, beams) with any gain; integer pixels are not rescaled.
+        mask: (ranges, beams) true where features may be detected.
+        sonar: pixel grid of the image.
+        config: section ``keypoints`` and ``patch_radius_px`` are used.
+
+    Returns:
+        Keypoints with descriptors and patches.
 
     Raises:
-        AsfmError: image, mask and sonar differ in shape, or the image holds a value that is not finite.
+        AsfmError: image, mask and sonar differ in shape, or a pixel is not finite.
     """
     settings = config.keypoints
-    image = _check(frame.image, mask)
-    if min(image.shape) < SMALLEST_PX:
+    image = _check_image(frame.image, mask)
+    if min(image.shape) < MIN_SIDE_PX:
         return _no_keypoints(settings, config.patch_radius_px)
-    image_warp = _open_image_warp(image, sonar, settings)
-    picture = image_warp.warp(normalise_intensity(image, settings))
-    features = _find_around(picture, image_warp.warp_mask(_keep_off_borders(mask)), settings)
+    image_warp = _image_warp_of(image, sonar, settings)
+    warped = image_warp.warp(normalise_intensity(image, settings))
+    features = _find_in_mask(warped, image_warp.warp_mask(_exclude_border_rows(mask)), settings)
     row_column = image_warp.to_polar(features.xy_px)
     return Keypoints(
         row_column=row_column,
@@ -57,78 +60,86 @@ def detect_keypoints(frame: Frame, mask: BoolArray, sonar: SonarModel, config: C
         bearing_rad=sonar.bearing_at_column(row_column[:, 1]),
         response=features.response,
         descriptors=features.descriptors,
-        patches=cut_patches(picture, image_warp.from_polar(row_column)[:, ::-1], config.patch_radius_px),
+        patches=cut_patches(warped, image_warp.from_polar(row_column)[:, ::-1], config.patch_radius_px),
     )
 
 
 def warp_image(frame: Frame, sonar: SonarModel, config: Config) -> Picture:
-    """Draw the picture of bytes that the detector looks at, without what goes on beyond its borders.
+    """Return the normalised and warped 8-bit image (height, width) in which features are detected, without padding.
 
     Raises:
-        AsfmError: image and sonar differ in shape, or the image holds a value that is not finite.
+        AsfmError: image and sonar differ in shape, or a pixel is not finite.
     """
-    image = _check(frame.image, frame.invalid)
-    return _as_bytes(
-        _open_image_warp(image, sonar, config.keypoints).warp(normalise_intensity(image, config.keypoints))
-    )
+    image = _check_image(frame.image, frame.invalid)
+    image_warp = _image_warp_of(image, sonar, config.keypoints)
+    return _to_8_bit(image_warp.warp(normalise_intensity(image, config.keypoints)))
 
 
 def cut_keypoint_patches(frame: Frame, keypoints: Keypoints, sonar: SonarModel, config: Config) -> Keypoints:
-    """Give keypoints found elsewhere the patches of the picture around them.
+    """Cut the patches of keypoints that were detected elsewhere, from the normalised and warped image.
+
+    Args:
+        frame: image of shape (ranges, beams) that the keypoints belong to.
+        keypoints: K keypoints; their patches are replaced.
+        sonar: pixel grid of the image.
+        config: section ``keypoints`` and ``patch_radius_px`` are used.
+
+    Returns:
+        The keypoints with (K, 2r+1, 2r+1) patches.
 
     Raises:
-        AsfmError: image and sonar differ in shape, or the image or a place is not finite.
+        AsfmError: image and sonar differ in shape, or a pixel or a position is not finite.
     """
-    image = _check(frame.image, frame.invalid)
-    image_warp = _open_image_warp(image, sonar, config.keypoints)
-    picture = image_warp.warp(normalise_intensity(image, config.keypoints))
+    image = _check_image(frame.image, frame.invalid)
+    image_warp = _image_warp_of(image, sonar, config.keypoints)
+    warped = image_warp.warp(normalise_intensity(image, config.keypoints))
     xy_px = image_warp.from_polar(keypoints.row_column)
-    return replace(keypoints, patches=cut_patches(picture, xy_px[:, ::-1], config.patch_radius_px))
+    return replace(keypoints, patches=cut_patches(warped, xy_px[:, ::-1], config.patch_radius_px))
 
 
-def _keep_off_borders(mask: BoolArray) -> BoolArray:
-    """Take the nearest and farthest rows out of the mask of an image that is not small."""
-    if len(mask) < SMALL_PX:
+def _exclude_border_rows(mask: BoolArray) -> BoolArray:
+    """Remove the nearest and farthest rows from the mask, unless the image is small."""
+    if len(mask) < SMALL_SIDE_PX:
         return mask
     inner = np.zeros_like(mask)
     inner[BORDER_ROWS:-BORDER_ROWS] = mask[BORDER_ROWS:-BORDER_ROWS]
     return inner
 
 
-def _as_bytes(picture: ImageArray) -> Picture:
-    return (picture * 255).astype(np.uint8)
+def _to_8_bit(image: ImageArray) -> Picture:
+    return (image * 255).astype(np.uint8)
 
 
-def _find_around(picture: ImageArray, allowed: Picture, settings: KeypointsConfig) -> Features:
-    """Find features of the part of a picture that holds all places allowed, with what surrounds them."""
-    rows, columns = (_reach(np.asarray(allowed.any(axis=axis))) for axis in (1, 0))
+def _find_in_mask(image: ImageArray, mask: Picture, settings: KeypointsConfig) -> Features:
+    """Detect features in the bounding box of the mask with a margin; positions are those in the whole image."""
+    rows, columns = (_occupied_slice(np.asarray(mask.any(axis=axis))) for axis in (1, 0))
     if rows.start == rows.stop:
         return no_features(settings)
-    features = _find_padded(picture[rows, columns], allowed[rows, columns], settings)
+    features = _find_padded(image[rows, columns], mask[rows, columns], settings)
     corner = np.array([columns.start, rows.start])
     return replace(features, xy_px=features.xy_px + corner)
 
 
-def _reach(occupied: BoolArray) -> slice:
-    """Give the stretch of an axis that holds what is occupied, and its surroundings."""
-    places = np.flatnonzero(occupied)
-    if not len(places):
+def _occupied_slice(occupied: BoolArray) -> slice:
+    """Return the slice of an axis from the first to the last true element, with the margin of the crop."""
+    indices = np.flatnonzero(occupied)
+    if not len(indices):
         return slice(0, 0)
-    return slice(max(int(places[0]) - SURROUNDINGS_PX, 0), int(places[-1]) + 1 + SURROUNDINGS_PX)
+    return slice(max(int(indices[0]) - CROP_MARGIN_PX, 0), int(indices[-1]) + 1 + CROP_MARGIN_PX)
 
 
-def _find_padded(picture: ImageArray, allowed: Picture, settings: KeypointsConfig) -> Features:
-    """Find features of a picture that goes on mirrored beyond its borders, and take the borders off again."""
-    sides = zip(picture.shape, PADDING_PX, strict=True)
-    rows, columns = (SMALL_PADDING_PX if length < SMALL_PX else usual for length, usual in sides)
+def _find_padded(image: ImageArray, mask: Picture, settings: KeypointsConfig) -> Features:
+    """Detect features in the image with reflected padding; positions are those in the image without it."""
+    sides = zip(image.shape, PADDING_PX, strict=True)
+    rows, columns = (SMALL_PADDING_PX if length < SMALL_SIDE_PX else padding for length, padding in sides)
     border = (rows, rows, columns, columns)
-    grey = cv2.copyMakeBorder(_as_bytes(picture), *border, cv2.BORDER_REFLECT)
-    padded = cv2.copyMakeBorder(allowed, *border, cv2.BORDER_CONSTANT, value=0)
-    features = find_features(grey, padded, settings)
-    return replace(features, xy_px=np.clip(features.xy_px - (columns, rows), 0, picture.shape[::-1]))
+    padded = cv2.copyMakeBorder(_to_8_bit(image), *border, cv2.BORDER_REFLECT)
+    padded_mask = cv2.copyMakeBorder(mask, *border, cv2.BORDER_CONSTANT, value=0)
+    features = find_features(padded, padded_mask, settings)
+    return replace(features, xy_px=np.clip(features.xy_px - (columns, rows), 0, image.shape[::-1]))
 
 
-def _check(image: ImageArray, mask: BoolArray) -> ImageArray:
+def _check_image(image: ImageArray, mask: BoolArray) -> ImageArray:
     if image.ndim != 2 or mask.shape != image.shape:
         raise AsfmError(
             f"keypoints: expected an image (ranges, beams) and a mask of the same shape, "
@@ -141,19 +152,19 @@ def _check(image: ImageArray, mask: BoolArray) -> ImageArray:
     return values
 
 
-def _open_image_warp(image: ImageArray, sonar: SonarModel, settings: KeypointsConfig) -> ImageWarp:
+def _image_warp_of(image: ImageArray, sonar: SonarModel, settings: KeypointsConfig) -> ImageWarp:
     if image.shape != sonar.shape:
         raise AsfmError(f"keypoints: expected an image of the sonar's {sonar.shape} pixels, found {image.shape}")
     return make_image_warp(sonar, settings)
 
 
 def _no_keypoints(settings: KeypointsConfig, radius_px: int) -> Keypoints:
-    nothing, width = no_features(settings), 2 * radius_px + 1
+    empty, width = no_features(settings), 2 * radius_px + 1
     return Keypoints(
-        row_column=nothing.xy_px,
+        row_column=empty.xy_px,
         range_m=np.zeros(0),
         bearing_rad=np.zeros(0),
-        response=nothing.response,
-        descriptors=nothing.descriptors,
+        response=empty.response,
+        descriptors=empty.descriptors,
         patches=np.zeros((0, width, width), dtype=np.float32),
     )

@@ -1,4 +1,4 @@
-"""Squares of the image around keypoints."""
+"""Image patches around keypoints."""
 
 import numpy as np
 
@@ -7,13 +7,13 @@ from asfm.types import FloatArray, ImageArray, IntArray
 
 
 def cut_patches(image: ImageArray, row_column: FloatArray, radius_px: int) -> ImageArray:
-    """Cut the patch around the pixel that holds each keypoint.
+    """Cut a square patch centred on the pixel of each keypoint.
 
-    Beyond the border the image goes on mirrored about its outermost pixels, as often as it takes. A keypoint outside
-    the image takes the nearest pixel's patch.
+    The image is reflected about its outermost pixels beyond the border, repeatedly if needed. A keypoint outside the
+    image gets the patch of the nearest pixel.
 
     Args:
-        image: (H, W).
+        image: (height, width).
         row_column: (K, 2) fractional row and column, pixel centres at +0.5.
         radius_px: half-size r of the patches.
 
@@ -21,30 +21,30 @@ def cut_patches(image: ImageArray, row_column: FloatArray, radius_px: int) -> Im
         (K, 2r+1, 2r+1) float32 copies.
 
     Raises:
-        AsfmError: the image is empty or a coordinate is not finite.
+        AsfmError: the image is empty or not two-dimensional, or a coordinate is not finite.
     """
     if image.ndim != 2 or image.size == 0:
-        raise AsfmError(f"patches: expected an image (rows, columns), found the shape {image.shape}")
+        raise AsfmError(f"patches: expected a non-empty image (rows, columns), found the shape {image.shape}")
     if not np.isfinite(row_column).all():
         row = int(np.flatnonzero(~np.isfinite(row_column).all(axis=1))[0])
-        raise AsfmError(f"patches: expected finite keypoints, found {row_column[row].tolist()} in row {row}")
+        raise AsfmError(f"patches: expected finite keypoint positions, found {row_column[row].tolist()} in row {row}")
     height, width = image.shape
-    rows = _mirrored_range(row_column[:, 0], radius_px, height)
-    columns = _mirrored_range(row_column[:, 1], radius_px, width)
+    rows = _reflected_indices(row_column[:, 0], radius_px, height)
+    columns = _reflected_indices(row_column[:, 1], radius_px, width)
     patches = image.ravel().take(rows[:, :, None] * width + columns[:, None, :])
     return np.asarray(patches, dtype=np.float32)
 
 
 def crop_patches(patches: ImageArray, radius_px: int) -> ImageArray:
-    """Give the middle of (K, N, N) patches: (K, 2r+1, 2r+1); all of it where the patches are smaller."""
+    """Crop (K, N, N) patches to their centres of radius r: (K, 2r+1, 2r+1), or unchanged where N is smaller."""
     margin = max((patches.shape[1] - 1) // 2 - radius_px, 0)
     return patches[:, margin : patches.shape[1] - margin, margin : patches.shape[2] - margin]
 
 
-def _mirrored_range(coordinate: FloatArray, radius_px: int, length: int) -> IntArray:
-    """(K, 2r+1) indices around each coordinate's pixel along one axis, folded back into 0..length-1."""
+def _reflected_indices(coordinate: FloatArray, radius_px: int, length: int) -> IntArray:
+    """Return (K, 2r+1) indices around the pixel of each (K,) coordinate on one axis, reflected into 0..length-1."""
     centre = np.floor(np.clip(coordinate, 0, length - 0.5)).astype(np.int64)
     index = centre[:, None] + np.arange(-radius_px, radius_px + 1)
     period = max(2 * (length - 1), 1)
-    folded = np.abs(index) % period
-    return np.asarray(np.minimum(folded, period - folded) if length > 1 else np.zeros_like(index))
+    wrapped = np.abs(index) % period
+    return np.asarray(np.minimum(wrapped, period - wrapped) if length > 1 else np.zeros_like(index))

@@ -1,4 +1,4 @@
-"""The fan image: where things are put, that they are put back, and that port stays port."""
+"""Fan image: inverse maps, resampling, orientation and size limits."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def _sonar(
     shape: tuple[int, int] = (60, 40),
     bend: float = 0.0,
 ) -> SonarModel:
-    """A sonar whose beams crowd together in the middle (bend > 0) as those of a real one do at the edge."""
+    """Make a sonar; its beams are denser in the middle for bend > 0."""
     even = np.linspace(-1, 1, shape[1])
     bearing_rad = np.deg2rad(half_deg) * ((1 - bend) * even + bend * even**3)
     return SonarModel("test", np.linspace(near_m, far_m, shape[0]), bearing_rad, np.deg2rad(12.0))
@@ -34,7 +34,7 @@ sonars = st.builds(
 
 @given(sonar=sonars, width_px=st.integers(8, 900), seed=st.integers(0, 99))
 @settings(max_examples=60, deadline=None)
-def test_pixel_and_back(sonar: SonarModel, width_px: int, seed: int) -> None:
+def test_pixel_at_and_range_bearing_at_are_inverse(sonar: SonarModel, width_px: int, seed: int) -> None:
     grid = FanGrid.fit(sonar, width_px)
     rng = np.random.default_rng(seed)
     range_m = rng.uniform(sonar.range_edges_m[0], sonar.range_edges_m[-1], 50)
@@ -49,7 +49,7 @@ def test_pixel_and_back(sonar: SonarModel, width_px: int, seed: int) -> None:
 @given(sonar=sonars)
 @settings(max_examples=20, deadline=None)
 def test_fan_of_the_coordinates_is_the_inverse_map(sonar: SonarModel) -> None:
-    """Draw the images 'range of each pixel' and 'bearing of each pixel': the fan must show its own coordinates."""
+    """Images that hold the range, or the bearing, of their pixels must show the coordinates of the fan."""
     grid = FanGrid.fit(sonar, 120)
     columns, rows = np.meshgrid(np.arange(grid.width_px) + 0.5, np.arange(grid.height_px) + 0.5)
     range_m, bearing_rad = grid.range_bearing_at(np.stack([columns, rows], axis=-1))
@@ -64,7 +64,7 @@ def test_fan_of_the_coordinates_is_the_inverse_map(sonar: SonarModel) -> None:
 
 @pytest.mark.parametrize("bend", [0.0, 0.8])
 @pytest.mark.parametrize("near_m", [0.0, 2.0])
-def test_a_spot_lands_where_the_map_says(near_m: float, bend: float) -> None:
+def test_a_bright_pixel_is_drawn_at_pixel_at(near_m: float, bend: float) -> None:
     sonar = _sonar(near_m=near_m, bend=bend)
     grid = FanGrid.fit(sonar, 700)
     for row, column in [(40, 8), (25, 33), (55, 20)]:
@@ -97,7 +97,7 @@ def test_one_sided_sonar_keeps_the_apex_in_the_middle() -> None:
     assert not grid.inside[:, 150:].any() and grid.inside[:, :150].any()
 
 
-def test_area_inside_is_that_of_the_ring_sector() -> None:
+def test_the_area_inside_is_that_of_an_annular_sector() -> None:
     sonar = _sonar(near_m=2.0, half_deg=120.0)
     grid = FanGrid.fit(sonar, 1000)
     near, far = sonar.range_edges_m[[0, -1]]
@@ -105,7 +105,7 @@ def test_area_inside_is_that_of_the_ring_sector() -> None:
     assert grid.inside.sum() * grid.pixel_m**2 == pytest.approx(0.5 * opening * (far**2 - near**2), rel=5e-3)
 
 
-def test_outside_is_the_fill() -> None:
+def test_pixels_outside_have_the_fill_value() -> None:
     sonar = _sonar()
     grid = FanGrid.fit(sonar, 150)
     fan = grid.draw(np.ones(sonar.shape, np.float32), fill=np.nan)
@@ -113,7 +113,7 @@ def test_outside_is_the_fill() -> None:
     assert (fan[grid.inside] == 1).all()
 
 
-def test_masks_stay_masks_and_bytes_stay_bytes() -> None:
+def test_the_type_of_the_image_is_kept() -> None:
     sonar = _sonar()
     grid = FanGrid.fit(sonar, 150)
     mask = np.zeros(sonar.shape, bool)
@@ -125,7 +125,7 @@ def test_masks_stay_masks_and_bytes_stay_bytes() -> None:
 
 @given(sonar=sonars, height_px=st.integers(20, 400))
 @settings(max_examples=40, deadline=None)
-def test_tall_fans_are_made_narrow(sonar: SonarModel, height_px: int) -> None:
+def test_tall_fans_are_narrowed_to_the_maximum_height(sonar: SonarModel, height_px: int) -> None:
     free, grid = FanGrid.fit(sonar, 300), FanGrid.fit(sonar, 300, height_px)
     assert grid.height_px <= height_px or grid.width_px == 1
     assert grid.height_px + free.height_px / 300 + 1 >= min(height_px, free.height_px)
@@ -133,7 +133,7 @@ def test_tall_fans_are_made_narrow(sonar: SonarModel, height_px: int) -> None:
         assert grid.shape == free.shape
 
 
-def test_refuses_what_cannot_be_drawn() -> None:
+def test_invalid_sizes_and_shapes_are_an_error() -> None:
     with pytest.raises(AsfmError, match="at least 1 px, found 0"):
         FanGrid.fit(_sonar(), 0)
     with pytest.raises(AsfmError, match="ask for a width"):

@@ -1,4 +1,4 @@
-"""The sonar's geometry: equations (1) and (2), the pixel grid with even and uneven beams, arcs and the frustum."""
+"""Sonar model: equations (1) and (2), the pixel grid with even and uneven beams, elevation arcs, field of view."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from asfm.geometry.sonar import SonarModel, back_project, edges_from_centres, project
+from asfm.geometry.sonar import SonarModel, back_project, edges_from_centres, project, project_jacobian
 from asfm.types import FloatArray
 
 ranges = st.floats(0.01, 300)
@@ -33,18 +33,18 @@ def even_sonar() -> SonarModel:
 
 
 @given(ranges, bearings, elevations)
-def test_projection_undoes_back_projection(range_m: float, bearing_rad: float, elevation_rad: float) -> None:
+def test_projection_inverts_back_projection(range_m: float, bearing_rad: float, elevation_rad: float) -> None:
     xyz_m = back_project(np.array(range_m), np.array(bearing_rad), elevation_rad)
     np.testing.assert_allclose(project(xyz_m), (range_m, bearing_rad, elevation_rad), rtol=1e-12, atol=1e-12)
 
 
 @given(hnp.arrays(float, (5, 2, 3), elements=coordinates))
-def test_back_projection_undoes_projection(xyz_m: FloatArray) -> None:
+def test_back_projection_inverts_projection(xyz_m: FloatArray) -> None:
     assert back_project(*project(xyz_m)).shape == xyz_m.shape
     np.testing.assert_allclose(back_project(*project(xyz_m)), xyz_m, atol=1e-12)
 
 
-def test_equation_1_on_points_worked_by_hand() -> None:
+def test_projection_of_known_points() -> None:
     points = np.array([[2.0, 0.0, 0.0], [0.0, 3.0, 0.0], [1.0, -1.0, 0.0], [3.0, 4.0, 5.0], [0.0, 0.0, -2.0]])
     range_m, bearing_rad, elevation_rad = project(points)
     np.testing.assert_allclose(range_m, [2, 3, np.sqrt(2), np.sqrt(50), 2])
@@ -61,7 +61,22 @@ def test_port_is_positive_and_up_is_positive() -> None:
     assert port > starboard
 
 
-def test_equation_2_broadcasts() -> None:
+@given(ranges, bearings, st.floats(-1.4, 1.4))
+def test_the_jacobian_is_that_of_central_differences(range_m: float, bearing_rad: float, elevation_rad: float) -> None:
+    xyz_m = back_project(np.array(range_m), np.array(bearing_rad), elevation_rad)
+    step_m = 1e-6 * range_m
+    columns = []
+    for offset in step_m * np.eye(3):
+        ahead, behind = project(xyz_m + offset), project(xyz_m - offset)
+        difference = np.array(ahead) - np.array(behind)
+        difference[1] = np.angle(np.exp(1j * difference[1]))
+        columns.append(difference / (2 * step_m))
+    expected = np.stack(columns, axis=-1)
+    np.testing.assert_allclose(project_jacobian(xyz_m), expected, rtol=1e-5, atol=1e-6 * (1 + 1 / range_m))
+    assert project_jacobian(np.ones((4, 2, 3))).shape == (4, 2, 3, 3)
+
+
+def test_back_projection_broadcasts() -> None:
     xyz_m = back_project(np.array([1.0, 2.0])[:, None], np.array([0.1, 0.2, 0.3])[None], 0.1)
     assert xyz_m.shape == (2, 3, 3)
     np.testing.assert_allclose(np.linalg.norm(xyz_m, axis=-1), [[1, 1, 1], [2, 2, 2]])
@@ -88,7 +103,7 @@ def test_centres_lie_at_half_pixels_and_edges_at_whole_ones(sonar: SonarModel) -
 
 
 @given(uneven_sonars(), hnp.arrays(float, 20, elements=st.floats(0, 1)))
-def test_pixels_and_metres_round_trip(sonar: SonarModel, fraction: FloatArray) -> None:
+def test_maps_between_pixels_and_metres_are_inverse(sonar: SonarModel, fraction: FloatArray) -> None:
     rows, columns = fraction * sonar.shape[0], fraction * sonar.shape[1]
     np.testing.assert_allclose(sonar.row_at_range(sonar.range_at_row(rows)), rows, atol=1e-8)
     np.testing.assert_allclose(sonar.column_at_bearing(sonar.bearing_at_column(columns)), columns, atol=1e-8)
@@ -104,7 +119,7 @@ def test_pixels_outside_are_clipped_to_the_edges(sonar: SonarModel) -> None:
 
 
 @given(uneven_sonars())
-def test_edges_rise_enclose_their_centres_and_never_lie_behind_the_sonar(sonar: SonarModel) -> None:
+def test_edges_enclose_their_centres_and_are_not_negative_in_range(sonar: SonarModel) -> None:
     for centres, edges in ((sonar.range_m, sonar.range_edges_m), (sonar.bearing_rad, sonar.bearing_edges_rad)):
         assert len(edges) == len(centres) + 1
         assert np.all(edges[:-1] <= centres)
@@ -112,20 +127,20 @@ def test_edges_rise_enclose_their_centres_and_never_lie_behind_the_sonar(sonar: 
     assert sonar.range_edges_m[0] >= 0
 
 
-def test_edges_of_uneven_centres_worked_by_hand() -> None:
+def test_edges_of_known_uneven_centres() -> None:
     np.testing.assert_allclose(edges_from_centres(np.array([1.0, 2.0, 5.0])), [0.5, 1.5, 3.5, 6.5])
     with pytest.raises(ValueError, match="at least two"):
         edges_from_centres(np.array([1.0]))
 
 
-def test_asking_for_edges_leaves_the_centres_alone() -> None:
+def test_edges_do_not_modify_the_centres() -> None:
     sonar = SonarModel("near", np.array([0.01, 0.05, 0.09]), np.array([-0.1, 0.1]), 0.2)
     assert sonar.range_edges_m[0] == 0.0
     np.testing.assert_array_equal(sonar.range_m, [0.01, 0.05, 0.09])
 
 
 @given(uneven_sonars(), st.floats(0.01, 0.99), st.floats(0.01, 0.99), st.integers(2, 30))
-def test_every_point_of_an_arc_projects_to_its_pixel(sonar: SonarModel, row: float, column: float, count: int) -> None:
+def test_elevation_arcs_project_to_their_pixel(sonar: SonarModel, row: float, column: float, count: int) -> None:
     range_m = sonar.range_at_row(np.array(row * sonar.shape[0]))
     bearing_rad = sonar.bearing_at_column(np.array(column * sonar.shape[1]))
     arc_m = sonar.elevation_arc(range_m, bearing_rad, count)
@@ -138,7 +153,7 @@ def test_every_point_of_an_arc_projects_to_its_pixel(sonar: SonarModel, row: flo
     assert np.all(sonar.sees(sonar.elevation_arc(range_m, bearing_rad, count + 2)[1:-1]))
 
 
-def test_arcs_of_many_pixels_keep_their_leading_axes() -> None:
+def test_arcs_keep_the_leading_axes() -> None:
     sonar = even_sonar()
     arcs_m = sonar.elevation_arc(np.full((4, 5), 2.0), np.full((4, 5), 0.1), 7)
     assert arcs_m.shape == (4, 5, 7, 3)
@@ -157,13 +172,13 @@ def test_arcs_of_many_pixels_keep_their_leading_axes() -> None:
         (8.01, 0.0, 0.0, False),
         (4.0, 0.41, 0.0, False),
         (4.0, -0.61, 0.0, False),
-        (4.0, 0.5, 0.0, False),  # inside when the bearing axis is mirrored
+        (4.0, 0.5, 0.0, False),  # visible if the bearing axis were mirrored
         (4.0, -0.5, 0.0, True),
         (4.0, 0.0, 0.101, False),
         (4.0, 0.0, -0.101, False),
         (4.0, np.pi, 0.0, False),
     ],
 )
-def test_frustum(range_m: float, bearing_rad: float, elevation_rad: float, seen: bool) -> None:
+def test_field_of_view(range_m: float, bearing_rad: float, elevation_rad: float, seen: bool) -> None:
     xyz_m = back_project(np.array(range_m), np.array(bearing_rad), elevation_rad)
     assert bool(even_sonar().sees(xyz_m)) is seen

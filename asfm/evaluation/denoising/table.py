@@ -1,4 +1,7 @@
-"""The denoising table: several methods on several frames with truth, their means, and where masking loses."""
+"""Denoising table: quality of several methods on frames with ground truth, averages, and losses of the masked methods.
+
+The masked methods are the echo mask alone and ours; a loss is a measure in which a baseline is better.
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
@@ -18,12 +21,12 @@ MEASURES = (
     ("ssim", "SSIM", "", 3),
     ("support_psnr_db", "PSNR in the support", " dB", 2),
 )
-"""Field, name, unit and digits."""
+"""Field, printed name, unit and decimals of each measure."""
 
 
 @dataclass(frozen=True)
 class DenoisedFrame:
-    """How well one method denoised one frame."""
+    """Quality of one method on one frame, a row of the table."""
 
     scene: str
     """Name of the scene, or of the sequence."""
@@ -35,37 +38,37 @@ class DenoisedFrame:
 
     @property
     def key(self) -> tuple[str, str, int]:
-        """What all methods' rows of one frame share."""
+        """Scene, sonar and frame number: the same for all methods."""
         return self.scene, self.sonar, self.frame
 
 
 @dataclass(frozen=True)
 class DenoisingTable:
-    """All methods on all frames."""
+    """Quality of all methods on all frames."""
 
     rows: tuple[DenoisedFrame, ...]
     notes: tuple[str, ...] = ()
-    """What was left out, one clear sentence each."""
+    """Skipped sources and frames, one sentence each."""
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """In the order of their first row."""
+        """Names of the methods in the order of their first row."""
         return tuple(dict.fromkeys(row.method for row in self.rows))
 
     def names(self, group: str) -> tuple[str, ...]:
-        """Give all scenes, or all sonars, in the order of their first row."""
+        """Return the names of a group, ``scene`` or ``sonar``, in the order of their first row."""
         return tuple(dict.fromkeys(getattr(row, group) for row in self.rows))
 
     def average(self, method: str, **group: str) -> DenoisingQuality:
-        """Average a method over all frames, or over those of one ``scene`` or ``sonar``; every frame weighs alike."""
+        """Average the quality of a method over all frames, or over those of one ``scene`` or ``sonar``."""
         return average_denoising([row.quality for row in self.pick(method, **group)])
 
     def wall_ms(self, method: str) -> float:
-        """Average the time that a method took for a frame."""
+        """Average the wall time of a method per frame, in milliseconds."""
         return float(np.mean([row.wall_ms for row in self.pick(method)]))
 
     def as_dict(self) -> dict[str, Any]:
-        """Turn the table into what JSON holds: means, means by scene and by sonar, every frame, and the words."""
+        """Convert the table to JSON types: averages, averages by scene and by sonar, all frames, losses and notes."""
         return {
             "mean": {name: asdict(self.average(name)) | {"wall_ms": self.wall_ms(name)} for name in self.methods},
             **{f"by_{group}": self._averages_by(group) for group in ("scene", "sonar")},
@@ -81,22 +84,22 @@ class DenoisingTable:
         }
 
     def pick(self, method: str, **group: str) -> Iterator[DenoisedFrame]:
-        """Give the rows of a method, or those of one ``scene`` or ``sonar``."""
-        wanted = {"method": method, **group}
-        return (row for row in self.rows if all(getattr(row, key) == value for key, value in wanted.items()))
+        """Select the rows of a method, of all frames or of those of one ``scene`` or ``sonar``."""
+        selection = {"method": method, **group}
+        return (row for row in self.rows if all(getattr(row, key) == value for key, value in selection.items()))
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """One frame denoised by all methods."""
+    """One frame denoised by all methods; the dictionaries are keyed by method."""
 
     images: dict[str, ImageArray]
-    """By method."""
+    """(ranges, beams) in 0..1."""
     qualities: dict[str, DenoisingQuality]
     wall_ms: dict[str, float]
 
     def rows(self, scene: str, sonar: str, frame: int) -> list[DenoisedFrame]:
-        """Give the rows of the table that this comparison makes."""
+        """Convert the comparison to rows of the table."""
         return [
             DenoisedFrame(scene, sonar, frame, method, quality, self.wall_ms[method])
             for method, quality in self.qualities.items()
@@ -106,9 +109,18 @@ class Comparison:
 def compare_denoisers(
     frame: Frame, truth: FrameTruth, config: Config, denoisers: Mapping[str, Denoiser] = DENOISERS
 ) -> Comparison:
-    """Denoise one frame by every method and compare each result with the image without noise.
+    """Denoise one frame by every method and compare each result with the noise-free image.
 
-    The support is where the truth has an elevation. Pixels without data count as right for all methods.
+    The support is where the truth has an elevation. Invalid pixels count as correct for all methods.
+
+    Args:
+        frame: image (ranges, beams) in 0..1 with its invalid pixels.
+        truth: noise-free image and elevation of the frame.
+        config: configuration of the methods.
+        denoisers: methods by name.
+
+    Returns:
+        Images, qualities and wall times by method.
 
     Raises:
         AsfmError: frame and truth differ in shape, or are smaller than the window of SSIM.
@@ -116,8 +128,8 @@ def compare_denoisers(
     shape = frame.image.shape
     if min(shape) < SSIM_WINDOW_PX or truth.clean.shape != shape:
         raise AsfmError(
-            f"expected images of at least {SSIM_WINDOW_PX} x {SSIM_WINDOW_PX} pixels, which SSIM needs, and the truth "
-            f"of the same shape; found {shape} and {truth.clean.shape}"
+            f"denoising table: expected frame and truth of the same shape, at least {SSIM_WINDOW_PX} x "
+            f"{SSIM_WINDOW_PX} pixels for SSIM, found {shape} and {truth.clean.shape}"
         )
     support = np.isfinite(truth.elevation_rad)
     images, qualities, wall_ms = {}, {}, {}
@@ -131,34 +143,34 @@ def compare_denoisers(
 
 
 def list_losses(table: DenoisingTable) -> tuple[str, ...]:
-    """Say in words by which measure, and in which scenes and for which sonars, masking is worse than another method."""
+    """List the measures, scenes and sonars in which a baseline is better than a masked method, one sentence each."""
     sentences = []
     for method in (name for name in (MASK, OURS) if name in table.methods):
-        found = [_describe_loss(table, method, measure) for measure in MEASURES]
-        lost = [sentence for sentence in found if sentence]
-        sentences += lost or [f"{method} loses by no measure, in no scene and for no sonar"]
+        descriptions = [_describe_loss(table, method, measure) for measure in MEASURES]
+        losses = [sentence for sentence in descriptions if sentence]
+        sentences += losses or [f"{method} loses by no measure, in no scene and for no sonar"]
     return tuple(sentences)
 
 
 def _describe_loss(table: DenoisingTable, method: str, measure: tuple[str, str, str, int]) -> str:
-    """Give one sentence on one measure, or nothing where the method is the best everywhere."""
+    """Describe the losses of a method in one measure in a sentence, empty without losses."""
     field, name, unit, digits = measure
-    overall = _compare_with_others(table, method, field)
+    overall = _compare_with_baselines(table, method, field)
     parts = []
     if overall is not None:
         own, best, value = overall
         raw = getattr(table.average(RAW), field) if RAW in table.methods and best != RAW else None
-        beside = "" if raw is None else f"; raw {raw:.{digits}f}{unit}"
-        parts.append(f"{own:.{digits}f} against {value:.{digits}f}{unit} of {best}{beside}")
+        raw_text = "" if raw is None else f"; raw {raw:.{digits}f}{unit}"
+        parts.append(f"{own:.{digits}f} against {value:.{digits}f}{unit} of {best}{raw_text}")
     for group in ("scene", "sonar"):
         names = table.names(group)
-        places = []
-        for place in names if len(names) > 1 else ():
-            lost = _compare_with_others(table, method, field, **{group: place})
-            if lost is not None:
-                places.append(f"{place} ({lost[0]:.{digits}f} against {lost[2]:.{digits}f} of {lost[1]})")
-        if places:
-            parts.append(f"every {group}" if len(places) == len(names) else ", ".join(places))
+        losses = []
+        for member in names if len(names) > 1 else ():
+            loss = _compare_with_baselines(table, method, field, **{group: member})
+            if loss is not None:
+                losses.append(f"{member} ({loss[0]:.{digits}f} against {loss[2]:.{digits}f} of {loss[1]})")
+        if losses:
+            parts.append(f"every {group}" if len(losses) == len(names) else ", ".join(losses))
     frames = _count_lost_frames(table, method, field)
     if frames:
         parts.append(f"{frames} of {len(tuple(table.pick(method)))} frames")
@@ -166,7 +178,7 @@ def _describe_loss(table: DenoisingTable, method: str, measure: tuple[str, str, 
 
 
 def _count_lost_frames(table: DenoisingTable, method: str, field: str) -> int:
-    """Count the frames in which another method is better."""
+    """Count the frames in which a baseline is better."""
     best: dict[tuple[str, str, int], float] = {}
     for row in table.rows:
         value = getattr(row.quality, field)
@@ -176,10 +188,10 @@ def _count_lost_frames(table: DenoisingTable, method: str, field: str) -> int:
     return sum(value is not None and value < best.get(key, value) for key, value in own.items())
 
 
-def _compare_with_others(
+def _compare_with_baselines(
     table: DenoisingTable, method: str, field: str, **group: str
 ) -> tuple[float, str, float] | None:
-    """Give a method's value with the best other method and its value where that is better, else None."""
+    """Return the value of a method, and name and value of the best baseline; None if no baseline is better."""
     own = getattr(table.average(method, **group), field)
     values = {
         other: getattr(table.average(other, **group), field)

@@ -1,4 +1,4 @@
-"""Detection against a plain double loop, and its false-alarm rate on noise."""
+"""CFAR detection against a plain double loop, and its false-alarm rate on noise."""
 
 import math
 from pathlib import Path
@@ -30,7 +30,7 @@ def change(config: CfarConfig, **settings: Any) -> CfarConfig:
 
 
 def reference_cells(image: ImageArray, valid: BoolArray, config: CfarConfig, cell: Cell) -> list[tuple[int, float]]:
-    """Row relative to the cell, and power, of each usable reference cell."""
+    """List the row relative to the cell under test, and the power, of each valid reference cell."""
     (row, column), cells = cell, []
     for i in range(-config.reference_px[0], config.reference_px[0] + 1):
         for j in range(-config.reference_px[1], config.reference_px[1] + 1):
@@ -42,14 +42,14 @@ def reference_cells(image: ImageArray, valid: BoolArray, config: CfarConfig, cel
 
 
 def censoring_correction(cells: int, above_floor: int, probability: float) -> float:
-    """What factors shrink to where of so many cells so many are above the floor."""
+    """Compute the factor's multiplier for left-censored noise from the cells in all and those above the floor."""
     if not cells or not above_floor:
         return float(not cells)
     return max(0.0, 1 - math.log(above_floor / cells) / math.log(probability))
 
 
 def threshold(cells: list[tuple[int, float]], method: Method, probability: float) -> float:
-    """Factor times statistic of the reference cells, slowly and plainly."""
+    """Compute factor * statistic of the reference cells of one cell."""
     powers = sorted(power for _, power in cells)
     halves = [half for half in ([p for i, p in cells if i < 0], [p for i, p in cells if i > 0]) if half]
     n = len(powers)
@@ -89,7 +89,7 @@ def test_detections_are_those_of_a_plain_loop(
     cut: float,
     seed: int,
 ) -> None:
-    """An image so small that its noise is taken for Rayleigh's, whatever is asked; its floor counts where asked."""
+    """Images too small for a Weibull shape, which default to Rayleigh noise; its censoring applies with weibull."""
     rng = np.random.default_rng(seed)
     image = rng.rayleigh(size=shape).astype(np.float32)
     image[rng.random(shape) < 0.1] *= 5
@@ -120,7 +120,7 @@ def test_detections_are_those_of_a_plain_loop(
 @pytest.mark.parametrize("probability", [1e-1, 1e-2, 1e-3])
 @pytest.mark.parametrize(("guard_px", "reference_px"), [((4, 4), (16, 12)), ((2, 0), (14, 0))])
 @pytest.mark.parametrize("noise", NOISES)
-def test_false_alarm_rate_on_noise_is_the_asked_one(
+def test_false_alarm_rate_on_noise_is_the_configured_one(
     method: Method, probability: float, guard_px: tuple[int, int], reference_px: tuple[int, int], noise: Noise
 ) -> None:
     rng = np.random.default_rng(1)
@@ -129,7 +129,7 @@ def test_false_alarm_rate_on_noise_is_the_asked_one(
     valid[:, 400:410] = False
     power = rng.exponential(size=valid.shape).astype(np.float32)
     detected = detect_cfar(np.sqrt(power), valid, change(config, method=method))
-    # A tenth of the asked rate, or what chance allows so few detections: three sigmas.
+    # A tenth of the configured rate, or three standard deviations of so few detections.
     tolerance = max(0.1, 3 / np.sqrt(probability * valid.sum()))
     assert detected[valid].mean() == pytest.approx(probability, rel=tolerance)
     border = valid.copy()
@@ -155,14 +155,14 @@ def test_detections_do_not_depend_on_the_unit() -> None:
 @pytest.mark.parametrize("noise", NOISES)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("value", [0.0, 0.3, 1.0, 65535.0])
-def test_nothing_stands_out_of_a_constant_image(value: float, method: Method, noise: Noise) -> None:
+def test_a_constant_image_has_no_detections(value: float, method: Method, noise: Noise) -> None:
     image = np.full((50, 60), value, dtype=np.float32)
     assert not detect_cfar(image, np.ones(image.shape, dtype=bool), change(CONFIG, method=method, noise=noise)).any()
 
 
 @pytest.mark.parametrize("noise", NOISES)
 @pytest.mark.parametrize("method", METHODS)
-def test_a_bright_target_leaves_no_ghosts_in_the_dark(method: Method, noise: Noise) -> None:
+def test_a_bright_target_causes_no_false_detections(method: Method, noise: Noise) -> None:
     image = np.zeros((120, 120), dtype=np.float32)
     image[40, 40] = 1.0
     image[80, 83] = 1e-4
@@ -175,7 +175,7 @@ def test_a_bright_target_leaves_no_ghosts_in_the_dark(method: Method, noise: Noi
 @pytest.mark.parametrize("noise", NOISES)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("hole", [np.nan, np.inf, -np.inf])
-def test_what_is_not_finite_is_invalid(hole: float, method: Method, noise: Noise) -> None:
+def test_non_finite_pixels_are_invalid(hole: float, method: Method, noise: Noise) -> None:
     rng = np.random.default_rng(3)
     image = rng.rayleigh(size=(40, 50)).astype(np.float32)
     valid = rng.random(image.shape) > 0.2
@@ -189,7 +189,7 @@ def test_what_is_not_finite_is_invalid(hole: float, method: Method, noise: Noise
 
 @pytest.mark.parametrize("noise", NOISES)
 @pytest.mark.parametrize("method", METHODS)
-def test_one_pixel_and_no_valid_pixel_have_no_detections(method: Method, noise: Noise) -> None:
+def test_images_of_one_or_no_valid_pixel_have_no_detections(method: Method, noise: Noise) -> None:
     one = np.ones((1, 1), dtype=np.float32)
     assert not detect_cfar(one, one > 0, change(CONFIG, method=method, noise=noise)).any()
     image = np.random.default_rng(0).random((30, 30)).astype(np.float32)
@@ -198,7 +198,7 @@ def test_one_pixel_and_no_valid_pixel_have_no_detections(method: Method, noise: 
 
 @pytest.mark.parametrize("noise", NOISES)
 @pytest.mark.parametrize("method", METHODS)
-def test_windows_larger_than_the_image_see_all_of_it(method: Method, noise: Noise) -> None:
+def test_windows_larger_than_the_image_cover_all_of_it(method: Method, noise: Noise) -> None:
     image = np.random.default_rng(5).rayleigh(size=(21, 17)).astype(np.float32)
     valid = np.ones(image.shape, dtype=bool)
     large, huge, all_guard = (
@@ -211,7 +211,7 @@ def test_windows_larger_than_the_image_see_all_of_it(method: Method, noise: Nois
     assert not detect_cfar(image, valid, change(all_guard, method=method, noise=noise)).any()
 
 
-def test_methods_keep_their_promises() -> None:
+def test_goca_reduces_edge_alarms_and_soca_target_masking() -> None:
     rng = np.random.default_rng(6)
     image = rng.rayleigh(size=(400, 100)).astype(np.float32)
     image[200:] *= 10
@@ -227,15 +227,15 @@ def test_methods_keep_their_promises() -> None:
     assert found["soca"] == 4
 
 
-def test_bad_input_is_refused_with_one_clear_line() -> None:
+def test_invalid_input_is_an_error() -> None:
     image = np.zeros((5, 5), dtype=np.float32)
     with pytest.raises(AsfmError, match=r"\(5, 5\) and \(4, 5\)"):
         detect_cfar(image, np.ones((4, 5), dtype=bool), CONFIG)
-    with pytest.raises(AsfmError, match="expected an image"):
+    with pytest.raises(AsfmError, match="expected a non-empty image"):
         detect_cfar(image[:0], np.ones((0, 5), dtype=bool), CONFIG)
 
 
-def test_empty_water_is_nearly_empty(shared_data: Path) -> None:
+def test_few_detections_in_recorded_empty_water(shared_data: Path) -> None:
     rates = []
     for path in sorted((shared_data / "didson_hull" / "open_water").glob("*.png"))[::8]:
         image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
@@ -247,12 +247,13 @@ def test_empty_water_is_nearly_empty(shared_data: Path) -> None:
 @pytest.mark.parametrize("noise", ["rayleigh", "exponential", "weibull"])
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("guard_px", "reference_px"), [((4, 4), (16, 12)), ((2, 0), (14, 0))])
-def test_false_alarm_rate_is_within_a_tenth_of_the_asked_one(
+def test_false_alarm_rate_is_within_a_tenth_of_the_configured_one(
     method: Method, noise: str, guard_px: Cell, reference_px: Cell
 ) -> None:
-    """More than two thousand alarms are expected of each kind: a tenth of them is four and a half sigmas.
+    """At least two thousand false alarms are expected, so that a tenth is four and a half standard deviations.
 
-    Where noise is what it is taken for, its threshold does not depend on the kind: one of them needs all probabilities.
+    After the transformation to exponential power the noise models share their code: OS, the slow one, is tested at the
+    lowest probability with one of them only.
     """
     rng = np.random.default_rng(11)
     valid = np.ones((512, 512), dtype=bool)
@@ -269,7 +270,7 @@ def test_false_alarm_rate_is_within_a_tenth_of_the_asked_one(
 
 
 def rate_of(folder: Path, rows: slice, step: int, **settings: Any) -> float:
-    """Share of the pixels of some rows that are detected, over a few frames of a recording."""
+    """Compute the share of detected pixels in some rows over a few frames of a recording."""
     rates = []
     for path in sorted(folder.glob("*.png"))[::step]:
         image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
@@ -281,14 +282,14 @@ def rate_of(folder: Path, rows: slice, step: int, **settings: Any) -> float:
 
 @pytest.mark.parametrize("method", ["ca", "goca"])
 @pytest.mark.parametrize("probability", [0.1, 0.05, 0.01])
-def test_empty_water_of_unknown_compression_alarms_as_asked(
+def test_false_alarm_rate_in_recorded_empty_water_of_unknown_compression(
     method: Method, probability: float, shared_data: Path
 ) -> None:
-    """A DIDSON that cuts off most of the noise, and an Oculus whose images show the root of the amplitude."""
-    asked = {"false_alarm_probability": probability, "method": method, "noise": "weibull"}
-    didson = rate_of(shared_data / "didson_hull" / "open_water", slice(None), 12, **asked)
+    """A DIDSON that censors most of the noise, and an Oculus whose images show the root of the amplitude."""
+    configured = {"false_alarm_probability": probability, "method": method, "noise": "weibull"}
+    didson = rate_of(shared_data / "didson_hull" / "open_water", slice(None), 12, **configured)
     assert didson == pytest.approx(probability, rel=0.2)
-    tank = rate_of(shared_data / "oculus_tank_b" / "frames", slice(560, 690), 30, **asked)
+    tank = rate_of(shared_data / "oculus_tank_b" / "frames", slice(560, 690), 30, **configured)
     assert tank == pytest.approx(probability, rel=0.3)
-    plain = rate_of(shared_data / "oculus_tank_b" / "frames", slice(560, 690), 60, **asked | {"noise": "rayleigh"})
+    plain = rate_of(shared_data / "oculus_tank_b" / "frames", slice(560, 690), 60, **configured | {"noise": "rayleigh"})
     assert plain < 0.5 * probability

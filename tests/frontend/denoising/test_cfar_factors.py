@@ -1,4 +1,4 @@
-"""Threshold factors against the probability they stand for, integrated or multiplied out."""
+"""CFAR threshold factors against the false-alarm probability, integrated numerically or multiplied out."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ PROBABILITIES = [0.9, 1e-1, 1e-3, 1e-6]
 
 
 @pytest.mark.parametrize("probability", PROBABILITIES)
-def test_average_is_exceeded_with_the_asked_probability(probability: float) -> None:
+def test_ca_factors_give_the_probability(probability: float) -> None:
     counts = np.array([1, 2, 17, 744])
     factors = ca_factors(counts, probability)
     np.testing.assert_allclose((1 + factors / counts) ** -counts.astype(float), probability, rtol=1e-9)
@@ -25,26 +25,26 @@ def test_average_is_exceeded_with_the_asked_probability(probability: float) -> N
 
 @pytest.mark.parametrize("greatest", [True, False])
 @pytest.mark.parametrize("probability", PROBABILITIES)
-def test_halves_are_exceeded_with_the_asked_probability(probability: float, greatest: bool) -> None:
+def test_goca_and_soca_factors_give_the_probability(probability: float, greatest: bool) -> None:
     a, b = np.array([[1, 1], [1, 9], [3, 4], [12, 12], [364, 364], [364, 5]]).T
     for n, m, factor in zip(a, b, goca_soca_factors(a, b, probability, greatest), strict=True):
-        assert integrate_halves(float(factor), n, m, greatest) == pytest.approx(probability, rel=1e-5)
+        assert integrate_probability(float(factor), n, m, greatest) == pytest.approx(probability, rel=1e-5)
 
 
-def integrate_halves(factor: float, count_a: int, count_b: int, greatest: bool) -> float:
-    """Integrate exp(-factor * mean) over the density of the winning mean: one half is there and the other has lost."""
+def integrate_probability(factor: float, count_a: int, count_b: int, greatest: bool) -> float:
+    """Integrate exp(-factor * mean) over the density of the selected mean, of the one window or of the other."""
     a, b = gamma(count_a, scale=1 / count_a), gamma(count_b, scale=1 / count_b)
 
     def integrand(mean: float) -> float:
-        lost = [d.cdf(mean) if greatest else d.sf(mean) for d in (a, b)]
-        return float(np.exp(-factor * mean) * (a.pdf(mean) * lost[1] + b.pdf(mean) * lost[0]))
+        rejected = [d.cdf(mean) if greatest else d.sf(mean) for d in (a, b)]
+        return float(np.exp(-factor * mean) * (a.pdf(mean) * rejected[1] + b.pdf(mean) * rejected[0]))
 
     knots = np.unique(np.concatenate([d.ppf([1e-9, 1e-3, 0.5, 0.999, 1 - 1e-9]) for d in (a, b)]))
     pieces = zip([0.0, *knots], [*knots, 60.0], strict=True)
     return float(sum(quad(integrand, low, high, epsrel=1e-8)[0] for low, high in pieces))
 
 
-def test_a_half_without_cells_leaves_the_other_alone() -> None:
+def test_with_an_empty_window_the_factor_is_that_of_the_other() -> None:
     none, some = np.array([0, 0, 5]), np.array([0, 7, 0])
     for greatest in (True, False):
         expected = ca_factors(np.array([0, 7, 5]), 1e-2)
@@ -52,18 +52,18 @@ def test_a_half_without_cells_leaves_the_other_alone() -> None:
     assert np.isinf(goca_soca_factors(none, some, 1e-2, True)[0])
 
 
-@pytest.mark.parametrize("largest", [40, 5000])
-def test_look_up_is_the_solution_whatever_was_asked_before(largest: int) -> None:
+@pytest.mark.parametrize("max_count", [40, 5000])
+def test_looked_up_factors_equal_solved_ones_whatever_is_cached(max_count: int) -> None:
     rng = np.random.default_rng(0)
     for _ in range(3):
         a, b = rng.integers(0, 40, (2, 12, 13), dtype=np.int32)
         expected = goca_soca_factors(a.ravel(), b.ravel(), 1e-3, False).reshape(a.shape)
-        np.testing.assert_allclose(lookup_goca_soca_factors(a, b, largest, 1e-3, False), expected, rtol=1e-8)
+        np.testing.assert_allclose(lookup_goca_soca_factors(a, b, max_count, 1e-3, False), expected, rtol=1e-8)
 
 
 @pytest.mark.parametrize("order_fraction", [0.01, 0.5, 0.75, 1.0])
 @pytest.mark.parametrize("probability", PROBABILITIES)
-def test_ordered_cell_is_exceeded_with_the_asked_probability(probability: float, order_fraction: float) -> None:
+def test_os_factors_give_the_probability(probability: float, order_fraction: float) -> None:
     counts = np.array([1, 2, 7, 24, 744])
     factors, ranks = os_factors(counts, probability, order_fraction), order_ranks(counts, order_fraction)
     for n, k, factor in zip(counts, ranks, factors, strict=True):

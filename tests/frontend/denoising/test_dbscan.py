@@ -17,7 +17,7 @@ from asfm.types import BoolArray, IntArray
 
 
 def dbscan(mask: BoolArray, config: DbscanConfig) -> IntArray:
-    """scikit-learn's labels as an image: -1 for noise and for what is not detected."""
+    """Return scikit-learn's labels as an image: -1 for noise and where nothing is detected."""
     labels = np.full(mask.shape, -1)
     if mask.any():
         model = DBSCAN(eps=config.radius_px, min_samples=config.min_pixels)
@@ -56,7 +56,7 @@ def test_labels_of_real_frames_are_those_of_scikit_learn(shared_data: Path) -> N
             np.testing.assert_array_equal(dbscan_labels(mask, config), expected)
 
 
-def test_input_is_left_alone_and_a_view_will_do() -> None:
+def test_the_mask_may_be_a_view_and_is_not_modified() -> None:
     mask = np.random.default_rng(0).random((40, 60)) < 0.2
     before, config = mask.copy(), DbscanConfig(radius_px=3, min_pixels=6)
     copy = np.ascontiguousarray(mask.T)
@@ -65,7 +65,7 @@ def test_input_is_left_alone_and_a_view_will_do() -> None:
     np.testing.assert_array_equal(mask, before)
 
 
-def test_clusters_join_over_a_gap_of_the_radius_and_no_wider() -> None:
+def test_clusters_join_across_gaps_of_the_radius_but_not_wider_ones() -> None:
     mask = np.zeros((9, 30), dtype=bool)
     mask[4, 2:8] = mask[4, 10:16] = mask[4, 18:24] = True
     labels = dbscan_labels(mask, DbscanConfig(radius_px=3.0, min_pixels=2))
@@ -76,26 +76,26 @@ def test_clusters_join_over_a_gap_of_the_radius_and_no_wider() -> None:
 
 @pytest.mark.parametrize("shape", [(0, 0), (0, 7), (1, 1), (50, 40)])
 @pytest.mark.parametrize("full", [False, True])
-def test_masks_that_cover_nothing_or_everything_have_an_answer(shape: tuple[int, int], full: bool) -> None:
+def test_empty_and_full_masks(shape: tuple[int, int], full: bool) -> None:
     mask, config = np.full(shape, full), DbscanConfig(radius_px=3, min_pixels=1)
     np.testing.assert_array_equal(dbscan_mask(mask, config), mask)
     np.testing.assert_array_equal(dbscan_labels(mask, config), mask.astype(int) - 1)
 
 
 @pytest.mark.parametrize("stage", [dbscan_mask, dbscan_labels])
-def test_a_mask_of_another_rank_is_refused(stage: Callable[[BoolArray, DbscanConfig], object]) -> None:
+def test_a_mask_that_is_not_two_dimensional_is_an_error(stage: Callable[[BoolArray, DbscanConfig], object]) -> None:
     with pytest.raises(AsfmError, match="shape"):
         stage(np.zeros(5, dtype=bool), DbscanConfig())
 
 
-def test_more_clusters_than_sixteen_bits_count() -> None:
+def test_more_clusters_than_16_bits_can_number() -> None:
     mask = np.ones((300, 300), dtype=bool)
     labels = dbscan_labels(mask, DbscanConfig(radius_px=0.5, min_pixels=1))
     np.testing.assert_array_equal(labels.ravel(), np.arange(mask.size))
 
 
-def test_a_chain_of_many_clusters_is_one() -> None:
-    """Dots in a spiral of steps of three pixels: no two are adjacent, and names meet in no order."""
+def test_a_long_chain_of_components_is_one_cluster() -> None:
+    """Dots on a spiral, three pixels apart: no two are adjacent, and their labels are joined in no particular order."""
     mask = np.zeros((61, 61), dtype=bool)
     row, column, ahead = 30, 30, (0, 3)
     for length in range(1, 20):

@@ -1,4 +1,4 @@
-"""Where features may lie: CFAR and DBSCAN joined, with a margin and without what is no data."""
+"""Echo mask: CFAR and DBSCAN combined, the margin, and invalid pixels."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def config_of(margin_px: int) -> Config:
 
 
 def draw_echo(seed: int = 0) -> ImageArray:
-    """Rayleigh noise with one bright object in rows 50..59 and columns 20..31: to starboard of the middle."""
+    """Draw Rayleigh noise with one bright object in rows 50..59 and columns 20..31, to starboard of the middle."""
     rng = np.random.default_rng(seed)
     image = rng.rayleigh(0.05, SHAPE).astype(np.float32)
     image[50:60, 20:32] += 0.7
@@ -31,8 +31,8 @@ def mask_of(image: ImageArray, margin_px: int = 4, invalid: BoolArray = DATA) ->
     return detect_echo_mask(Frame(0, 0.0, image, invalid), config_of(margin_px))
 
 
-def mask_slowly(image: ImageArray, margin_px: int, invalid: BoolArray) -> BoolArray:
-    """The same with scikit-learn's DBSCAN and SciPy's dilation."""
+def plain_mask(image: ImageArray, margin_px: int, invalid: BoolArray) -> BoolArray:
+    """Compute the same mask with scikit-learn's DBSCAN and SciPy's dilation."""
     config = config_of(margin_px)
     where = np.argwhere(detect_cfar(image, ~invalid, config.cfar))
     label = DBSCAN(eps=config.clusters.radius_px, min_samples=config.clusters.min_pixels).fit_predict(where)
@@ -44,14 +44,14 @@ def mask_slowly(image: ImageArray, margin_px: int, invalid: BoolArray) -> BoolAr
 
 @pytest.mark.parametrize("margin_px", [0, 1, 4])
 @pytest.mark.parametrize("seed", range(3))
-def test_mask_is_that_of_independent_libraries(margin_px: int, seed: int) -> None:
+def test_the_mask_agrees_with_independent_libraries(margin_px: int, seed: int) -> None:
     image, invalid = draw_echo(seed), DATA.copy()
     invalid[:, 40:44] = True
     invalid[52:54, 22:26] = True
-    np.testing.assert_array_equal(mask_of(image, margin_px, invalid), mask_slowly(image, margin_px, invalid))
+    np.testing.assert_array_equal(mask_of(image, margin_px, invalid), plain_mask(image, margin_px, invalid))
 
 
-def test_an_echo_is_in_the_mask_and_the_empty_water_is_not() -> None:
+def test_an_echo_is_in_the_mask_and_empty_water_is_not() -> None:
     mask = mask_of(draw_echo())
     assert mask.dtype == bool and mask.shape == SHAPE
     assert mask[50:60, 20:32].all()
@@ -61,7 +61,7 @@ def test_an_echo_is_in_the_mask_and_the_empty_water_is_not() -> None:
     assert not mask[50:60, 58:70].all(), "mirrored, it would be the echo"
 
 
-def test_the_margin_reaches_as_far_as_it_says_and_no_further() -> None:
+def test_the_mask_is_dilated_by_exactly_the_margin() -> None:
     image = np.full(SHAPE, 0.01, dtype=np.float32)
     image[50:56, 20:26] = 1.0
     for margin_px in (0, 2, 5):
@@ -78,7 +78,7 @@ def test_the_margin_stops_at_the_border() -> None:
     np.testing.assert_array_equal(mask_of(image, 4), expected)
 
 
-def test_what_is_no_data_is_never_in_the_mask_and_does_not_matter() -> None:
+def test_invalid_pixels_are_not_in_the_mask_and_have_no_effect() -> None:
     invalid = DATA.copy()
     invalid[45:65, 26:36] = True
     image = draw_echo()
@@ -87,7 +87,7 @@ def test_what_is_no_data_is_never_in_the_mask_and_does_not_matter() -> None:
     np.testing.assert_array_equal(mask_of(np.where(invalid, np.float32(0.123), image), invalid=invalid), mask)
 
 
-def test_lone_pixels_are_noise() -> None:
+def test_isolated_pixels_are_removed() -> None:
     image = np.full(SHAPE, 0.01, dtype=np.float32)
     image[::20, ::20] = 1.0
     assert not mask_of(image).any()
@@ -95,23 +95,25 @@ def test_lone_pixels_are_noise() -> None:
 
 @pytest.mark.parametrize("value", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("shape", [SHAPE, (1, 1), (1, 40), (40, 1), (2, 2)])
-def test_an_even_image_has_no_echoes(shape: tuple[int, int], value: float) -> None:
+def test_a_uniform_image_has_no_echoes(shape: tuple[int, int], value: float) -> None:
     mask = mask_of(np.full(shape, value, dtype=np.float32), invalid=np.zeros(shape, dtype=bool))
     assert mask.shape == shape and not mask.any()
 
 
-def test_an_image_without_any_data_has_no_echoes() -> None:
+def test_an_image_without_valid_pixels_has_no_echoes() -> None:
     assert not mask_of(draw_echo(), invalid=~DATA).any()
 
 
-def test_same_image_same_mask_and_the_image_is_left_alone() -> None:
+def test_the_mask_is_deterministic_and_the_image_not_modified() -> None:
     image = draw_echo()
+    before = image.copy()
     image.flags.writeable = False
     np.testing.assert_array_equal(mask_of(image), mask_of(image))
+    np.testing.assert_array_equal(image, before)
 
 
 def test_logarithmic_images_are_detected_on_their_amplitude() -> None:
-    """The same echoes, stored in decibels, give the same mask."""
+    """The same echoes stored in decibels give the same mask."""
     rng = np.random.default_rng(5)
     amplitude = rng.rayleigh(0.02, (120, 90)).astype(np.float32).clip(1e-4, 1)
     amplitude[50:56, 30:38] = 0.8
@@ -124,7 +126,7 @@ def test_logarithmic_images_are_detected_on_their_amplitude() -> None:
     assert detect_echo_mask(plain, config)[50:56, 30:38].all()
 
 
-def test_the_settings_of_cfar_reach_the_mask() -> None:
+def test_the_mask_depends_on_the_settings_of_cfar() -> None:
     image = draw_echo()
     plain = mask_of(image)
     power = detect_echo_mask(Frame(0, 0.0, image * image, DATA), load_config(None, ("cfar.noise=exponential",)))

@@ -1,4 +1,4 @@
-"""The shape of the noise, found again in images made of known noise."""
+"""Weibull clutter: the shape recovered from images of known noise, and the transformation to exponential noise."""
 
 import warnings
 
@@ -7,7 +7,12 @@ import pytest
 
 from asfm.config import CfarConfig
 from asfm.frontend.denoising.cfar import detect_cfar
-from asfm.frontend.denoising.weibull import RAYLEIGH, SHAPES, estimate_weibull_shape, transform_to_exponential
+from asfm.frontend.denoising.weibull import (
+    RAYLEIGH_SHAPE,
+    SHAPE_LIMITS,
+    estimate_weibull_shape,
+    transform_to_exponential,
+)
 from asfm.types import BoolArray, ImageArray
 
 SHAPE = (512, 256)
@@ -23,14 +28,14 @@ def make_noise(shape: float, seed: int = 0) -> ImageArray:
 
 @pytest.mark.parametrize("shape", [1.0, 1.5, 2.0, 3.0, 4.0])
 @pytest.mark.parametrize("gain", [1.0, 1e-4, 6e4])
-def test_the_shape_of_noise_is_found(shape: float, gain: float) -> None:
+def test_the_shape_is_recovered(shape: float, gain: float) -> None:
     image = np.float32(gain) * make_noise(shape)
     assert estimate_weibull_shape(image, full(image)) == pytest.approx(shape, rel=0.015)
 
 
 @pytest.mark.parametrize("shape", [1.0, 2.0, 4.0])
-def test_scenes_hardly_change_the_shape(shape: float) -> None:
-    """A level that falls with range, a third of the image full of echoes, shadows, dead beams."""
+def test_the_estimate_is_robust_against_the_scene(shape: float) -> None:
+    """A level that falls with range, echoes in a third of the image, a shadow and dead beams."""
     image = make_noise(shape) * np.linspace(3, 1, SHAPE[0], dtype=np.float32)[:, None]
     rng = np.random.default_rng(1)
     for row, column in rng.integers((0, 0), SHAPE, (150, 2)):
@@ -43,7 +48,7 @@ def test_scenes_hardly_change_the_shape(shape: float) -> None:
 
 
 @pytest.mark.parametrize("shape", [1.0, 2.0, 3.3])
-def test_noise_becomes_exponential_of_mean_one(shape: float) -> None:
+def test_transformed_noise_is_exponential(shape: float) -> None:
     image = make_noise(shape)
     usable = full(image)
     usable[:, :20] = False
@@ -56,14 +61,14 @@ def test_noise_becomes_exponential_of_mean_one(shape: float) -> None:
 
 
 @pytest.mark.parametrize("sigma", [4, 8, 40])
-def test_a_few_grey_levels_are_enough(sigma: float) -> None:
+def test_the_shape_is_recovered_from_few_grey_levels(sigma: float) -> None:
     image = np.round(np.random.default_rng(3).rayleigh(sigma, SHAPE)).astype(np.float32)
     assert estimate_weibull_shape(image, np.asarray(image > 0)) == pytest.approx(2.0, rel=0.06)
 
 
 @pytest.mark.parametrize("cut", [0.5, 1.0, 2.0])
-def test_noise_that_is_mostly_cut_off_alarms_as_asked(cut: float) -> None:
-    """What a threshold leaves of Rayleigh noise is no Weibull noise, but near one."""
+def test_censored_noise_has_the_configured_false_alarm_rate(cut: float) -> None:
+    """Rayleigh noise above a threshold is nearly, not exactly, Weibull distributed."""
     image = np.maximum(np.random.default_rng(4).rayleigh(1.0, SHAPE) - cut, 0).astype(np.float32)
     for probability in (0.1, 0.05, 0.01):
         config = CfarConfig(false_alarm_probability=probability, noise="weibull")
@@ -72,20 +77,20 @@ def test_noise_that_is_mostly_cut_off_alarms_as_asked(cut: float) -> None:
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 40), (40, 1), (17, 15), (64, 64), (512, 3)])
 @pytest.mark.parametrize("value", [0.0, 0.5, 255.0, 65535.0, np.nan, -3.0])
-def test_what_is_no_noise_has_an_answer(shape: tuple[int, int], value: float) -> None:
+def test_uniform_images_have_the_default_shape_and_no_detections(shape: tuple[int, int], value: float) -> None:
     image = np.full(shape, value, dtype=np.float32)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert not detect_cfar(image, full(image), CfarConfig(noise="weibull")).any()
         if np.isfinite(value):
             positive = np.maximum(image, 0)
-            assert estimate_weibull_shape(positive, full(image)) == RAYLEIGH
+            assert estimate_weibull_shape(positive, full(image)) == RAYLEIGH_SHAPE
             assert np.isfinite(transform_to_exponential(positive, full(image))).all()
             assert not transform_to_exponential(image, ~full(image)).any()
 
 
-def test_extremes_stay_finite_and_within_bounds() -> None:
-    """Echoes six decades above the noise, half of the image saturated, sixteen bits, hardly any contrast."""
+def test_extreme_images_give_finite_results_within_the_limits() -> None:
+    """Echoes six decades above the noise, half of the image saturated, 16 bits, hardly any contrast."""
     bright = make_noise(4.0)
     bright[100:110, 100:110] = 1e6
     assert np.isfinite(transform_to_exponential(bright, full(bright))).all()
@@ -98,4 +103,4 @@ def test_extremes_stay_finite_and_within_bounds() -> None:
     expected = detect_cfar(counts.astype(np.float32), full(saturated), CfarConfig(noise="weibull"))
     np.testing.assert_array_equal(detect_cfar(counts, full(saturated), CfarConfig(noise="weibull")), expected)
     faint = 1 + 1e-3 * make_noise(2.0)
-    assert SHAPES[0] <= estimate_weibull_shape(faint, full(faint)) <= SHAPES[1]
+    assert SHAPE_LIMITS[0] <= estimate_weibull_shape(faint, full(faint)) <= SHAPE_LIMITS[1]

@@ -1,4 +1,4 @@
-"""The even gain of the picture in which features are looked for."""
+"""Intensity normalisation: quantile, soft knee and independence of the gain."""
 
 import numpy as np
 import pytest
@@ -7,48 +7,53 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from asfm.config import KeypointsConfig
-from asfm.frontend.features.intensity import BRIGHT_SHARE, KNEE, find_quantile, normalise_intensity
+from asfm.frontend.features.intensity import BRIGHT_QUANTILE, KNEE, find_quantile, normalise_intensity
 from asfm.types import ImageArray
 
-STILL = KeypointsConfig(smoothing_px=0)
+NO_SMOOTHING = KeypointsConfig(smoothing_px=0)
 
 
 @given(
     arrays(np.float32, array_shapes(min_dims=2, max_dims=2, max_side=30), elements=st.floats(0, 1, width=32)),
     st.floats(0, 1),
 )
-def test_the_quantile_is_that_of_numpy(image: ImageArray, share: float) -> None:
-    assert find_quantile(image, share) == pytest.approx(float(np.quantile(image.astype(float), share)), abs=1e-9)
+def test_the_quantile_is_that_of_numpy(image: ImageArray, quantile: float) -> None:
+    expected = float(np.quantile(image.astype(float), quantile))
+    assert find_quantile(image, quantile) == pytest.approx(expected, abs=1e-9)
 
 
-def test_the_scale_is_linear_below_the_knee_and_never_ends_above() -> None:
+def test_the_scale_is_linear_below_the_knee_and_never_clips_above() -> None:
     image = np.linspace(0, 1, 40000, dtype=np.float32).reshape(200, 200)
     image[-1, -10:] = 5.0
-    even = normalise_intensity(image, STILL)
-    linear = image / find_quantile(image, BRIGHT_SHARE)
-    np.testing.assert_allclose(even[linear <= KNEE], linear[linear <= KNEE], rtol=1e-6)
-    assert (np.diff(even.ravel()[:-10]) > 0).all() and even[-1, -1] > even[-1, -11] and even.max() < 1
-    slope = np.diff(even.ravel()[:-10]).reshape(-1)
+    normalised = normalise_intensity(image, NO_SMOOTHING)
+    linear = image / find_quantile(image, BRIGHT_QUANTILE)
+    np.testing.assert_allclose(normalised[linear <= KNEE], linear[linear <= KNEE], rtol=1e-6)
+    assert (
+        (np.diff(normalised.ravel()[:-10]) > 0).all()
+        and normalised[-1, -1] > normalised[-1, -11]
+        and normalised.max() < 1
+    )
+    slope = np.diff(normalised.ravel()[:-10]).reshape(-1)
     assert slope.max() == pytest.approx(np.median(slope), rel=0.01), "no jump and no kink upwards at the knee"
 
 
 @pytest.mark.parametrize("smoothing_px", [0.0, 2.0])
 @pytest.mark.parametrize("factor", [1e-40, 1e-3, 1.0, 1e3])
-def test_the_gain_is_taken_out_and_the_image_left_alone(factor: float, smoothing_px: float) -> None:
+def test_the_gain_is_normalised_and_the_image_not_modified(factor: float, smoothing_px: float) -> None:
     image = np.random.default_rng(0).rayleigh(0.1, (60, 50)).astype(np.float32)
     settings = KeypointsConfig(smoothing_px=smoothing_px)
     scaled = np.asarray(image * np.float32(factor))
     before = scaled.copy()
     with np.errstate(all="raise", under="ignore"):
-        even = normalise_intensity(scaled, settings)
+        normalised = normalise_intensity(scaled, settings)
     np.testing.assert_array_equal(scaled, before)
-    if factor > 1e-30:  # below, single precision itself is coarse
-        np.testing.assert_allclose(even, normalise_intensity(image, settings), rtol=1e-4, atol=1e-6)
-    assert np.isfinite(even).all() and 0 <= even.min() <= even.max() < 1
+    if factor > 1e-30:  # subnormal single precision numbers are too coarse
+        np.testing.assert_allclose(normalised, normalise_intensity(image, settings), rtol=1e-4, atol=1e-6)
+    assert np.isfinite(normalised).all() and 0 <= normalised.min() <= normalised.max() < 1
 
 
 @pytest.mark.parametrize("image", [np.zeros((20, 20)), np.full((20, 20), -1.0), np.ones((1, 1))])
-def test_nothing_stays_nothing(image: ImageArray) -> None:
-    even = normalise_intensity(image.astype(np.float32), STILL)
-    assert np.isfinite(even).all() and even.min() >= 0
-    assert (even == 0).all() == (image.max() <= 0)
+def test_constant_images_stay_constant(image: ImageArray) -> None:
+    normalised = normalise_intensity(image.astype(np.float32), NO_SMOOTHING)
+    expected = 0.0 if image.max() <= 0 else KNEE + 0.5 * (1 - KNEE)  # 1 before compression
+    np.testing.assert_allclose(normalised, np.full(image.shape, expected), rtol=1e-6)

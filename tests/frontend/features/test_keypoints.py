@@ -1,4 +1,4 @@
-"""Keypoints: where they are, where they may not be, and images that have none."""
+"""Keypoint detection: position accuracy, mask and borders, determinism, and images without keypoints."""
 
 import subprocess
 import sys
@@ -19,7 +19,7 @@ SHAPE = (240, 120)
 
 
 def make_sonar(bearing_deg: float, shape: tuple[int, int] = SHAPE, uneven: bool = False) -> SonarModel:
-    """A sonar of 1 to 6 m; uneven beams are denser to port by a factor of about three."""
+    """Make a sonar of 1 to 6 m range; uneven beams are about three times as dense to port as to starboard."""
     half_rad = np.radians(bearing_deg) / 2
     even = SonarModel.evenly_spaced("test", (1.0, 6.0), (-half_rad, half_rad), shape, 0.3)
     if not uneven:
@@ -56,14 +56,14 @@ def draw_blob(row_column: FloatArray, sonar: SonarModel, sigma_px: float = 4.0) 
 
 
 def detect_blob(row_column: FloatArray, sonar: SonarModel) -> Keypoints:
-    """Detect a blob. A bright strip outside the mask sets the gain, or the blob's top would be cut off flat."""
+    """Detect a blob; a bright strip outside the mask sets the gain, or the top of the blob would be compressed."""
     image, mask = draw_blob(row_column, sonar), np.ones(sonar.shape, dtype=bool)
     image[:6], mask[:30] = 1.0, False
     return detect(image, sonar, mask)
 
 
 def draw_debris(seed: int = 0, shape: tuple[int, int] = SHAPE) -> ImageArray:
-    """Blurred noise with corners: plenty of features."""
+    """Draw blurred noise with a rectangle: plenty of features."""
     rng = np.random.default_rng(seed)
     image = cv2.GaussianBlur(rng.random(shape, np.float32), (0, 0), 2.0)
     image = (image - image.min()) / (image.max() - image.min())
@@ -72,7 +72,7 @@ def draw_debris(seed: int = 0, shape: tuple[int, int] = SHAPE) -> ImageArray:
 
 
 def check_shapes(found: Keypoints, config: Config | None = None) -> None:
-    """What the type promises, and what matching and the loss rely on."""
+    """Check the shapes and types that matching relies on."""
     count, width = len(found), 2 * (config or Config()).patch_radius_px + 1
     assert found.row_column.shape == (count, 2)
     assert found.range_m.shape == found.bearing_rad.shape == found.response.shape == (count,)
@@ -80,7 +80,7 @@ def check_shapes(found: Keypoints, config: Config | None = None) -> None:
     assert found.patches.shape == (count, width, width) and found.patches.dtype == np.float32
 
 
-def test_the_sonars_stretch_as_they_should() -> None:
+def test_column_stretch_of_the_sonars() -> None:
     stretch = {name: column_stretch(sonar, KeypointsConfig()) for name, sonar in SONARS.items()}
     assert stretch["square pixels"] == 1.0
     assert 1.5 < stretch["wide beams"] < 4.0
@@ -92,14 +92,14 @@ def test_the_sonars_stretch_as_they_should() -> None:
 
 @pytest.mark.parametrize("name", SONARS)
 @pytest.mark.parametrize("row_column", [(120.5, 60.5), (90.2, 44.8), (150.3, 66.4)])
-def test_a_blob_is_found_where_it_is(name: str, row_column: tuple[float, float]) -> None:
+def test_a_blob_is_detected_at_its_position(name: str, row_column: tuple[float, float]) -> None:
     sonar = SONARS[name]
     where = np.array(row_column)
     found = detect_blob(where, sonar)
     check_shapes(found)
     assert len(found)
     for row, column in found.row_column:
-        assert (row, column) == pytest.approx(where, abs=0.2), "the blob alone is found, at one scale or several"
+        assert (row, column) == pytest.approx(where, abs=0.2), "only the blob is detected, at one or several scales"
     edges_m, edges_rad = sonar.range_edges_m, sonar.bearing_edges_rad
     range_m = np.interp(where[0], np.arange(len(edges_m)), edges_m)
     bearing_rad = np.interp(where[1], np.arange(len(edges_rad)), edges_rad)
@@ -109,7 +109,7 @@ def test_a_blob_is_found_where_it_is(name: str, row_column: tuple[float, float])
 
 
 def test_positions_are_finer_than_a_pixel_and_unbiased() -> None:
-    """Half a pixel lost in a change of convention would show as a mean error of half a pixel."""
+    """A half pixel lost between two conventions would be a mean error of half a pixel."""
     sonar = SONARS["wide beams"]
     rng = np.random.default_rng(1)
     error = []
@@ -120,7 +120,7 @@ def test_positions_are_finer_than_a_pixel_and_unbiased() -> None:
 
 
 def test_port_is_positive_bearing_and_far_is_long_range() -> None:
-    """One blob far to port: mirrored or turned axes cannot pass."""
+    """One blob far to port: mirrored or swapped axes fail."""
     sonar = SONARS["uneven beams"]
     found = detect_blob(np.array([180.5, 85.5]), sonar)
     assert found.bearing_rad[0] == pytest.approx(sonar.bearing_rad[85], abs=0.01) and found.bearing_rad[0] > 0
@@ -141,7 +141,7 @@ def test_keypoints_lie_inside_the_mask_and_the_image(name: str) -> None:
     assert ((everywhere.row_column >= 0) & (everywhere.row_column <= SHAPE)).all()
 
 
-def test_strongest_come_first_and_no_more_than_asked() -> None:
+def test_strongest_come_first_and_are_limited_to_max_count() -> None:
     sonar = SONARS["wide beams"]
     everything = detect(draw_debris(), sonar)
     few = detect(draw_debris(), sonar, config=Config(keypoints=KeypointsConfig(max_count=5)))
@@ -150,19 +150,22 @@ def test_strongest_come_first_and_no_more_than_asked() -> None:
         np.testing.assert_array_equal(getattr(few, name), getattr(everything, name)[:5])
 
 
-def test_gain_does_not_matter() -> None:
+def test_keypoints_do_not_depend_on_the_gain() -> None:
     image, sonar = draw_debris(), SONARS["wide beams"]
     bright, dim = detect(image, sonar), detect(image * np.float32(1 / 64), sonar)
     np.testing.assert_array_equal(bright.row_column, dim.row_column)
 
 
-def test_the_image_and_the_mask_are_left_alone() -> None:
+def test_image_and_mask_are_not_modified() -> None:
     image, mask = draw_debris(), np.ones(SHAPE, dtype=bool)
     image.flags.writeable = mask.flags.writeable = False
+    before = image.copy()
     assert len(detect(image, SONARS["wide beams"], mask))
+    np.testing.assert_array_equal(image, before)
+    assert mask.all()
 
 
-def test_same_image_same_bytes_whatever_the_threads() -> None:
+def test_keypoints_do_not_depend_on_the_number_of_threads() -> None:
     before = cv2.getNumThreads()
     try:
         found = []
@@ -179,7 +182,7 @@ def test_same_image_same_bytes_whatever_the_threads() -> None:
 
 @pytest.mark.parametrize("smoothing_px", [0.0, 2.0])
 @pytest.mark.parametrize("value", [0.0, 1e-40, 1e-6, 0.5, 1.0])
-def test_an_even_image_has_no_keypoints(value: float, smoothing_px: float) -> None:
+def test_a_uniform_image_has_no_keypoints(value: float, smoothing_px: float) -> None:
     config = Config(keypoints=KeypointsConfig(smoothing_px=smoothing_px))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -194,10 +197,19 @@ def test_an_empty_mask_has_no_keypoints() -> None:
     check_shapes(found)
 
 
-def test_a_lone_bright_pixel_does_not_hurt() -> None:
-    image = np.zeros(SHAPE, dtype=np.float32)
-    image[120, 60] = 1.0
-    check_shapes(detect(image, SONARS["wide beams"]))
+@pytest.mark.parametrize("name", SONARS)
+@pytest.mark.parametrize("value", [1.0, 3.0, 1000.0])
+def test_a_single_bright_pixel_moves_no_other_keypoint(name: str, value: float) -> None:
+    image = draw_debris()
+    before = detect(image, SONARS[name])
+    image[70, 60] = value
+    after = detect(image, SONARS[name])
+    check_shapes(after)
+    apart = np.abs(before.row_column - (70.5, 60.5)).max(axis=1) > 20
+    shift_px = np.abs(before.row_column[apart, None] - after.row_column).max(axis=2).min(axis=1)
+    assert apart.sum() > 30 and shift_px.max() < 0.5
+    near = np.abs(after.row_column - (70.5, 60.5)).max(axis=1) < 20
+    assert len(after) - len(before) <= near.sum()
 
 
 SMALL_IMAGES = """
@@ -224,15 +236,15 @@ for shape in [(rows, columns) for rows in lengths for columns in lengths] + [(1,
 """
 
 
-def test_images_too_small_for_a_feature_have_none() -> None:
-    """In a process of its own: OpenCV writes beyond such images, which may end it."""
+def test_very_small_images_have_no_keypoints() -> None:
+    """In a subprocess: OpenCV writes beyond the bounds of such images and may crash."""
     done = subprocess.run([sys.executable, "-c", SMALL_IMAGES], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("columns", [30, 40, 60])
-def test_small_images_and_outer_beams_have_features_where_a_larger_image_has_them(columns: int) -> None:
-    """A-KAZE by itself finds nothing within some 27 pixels of a border."""
+def test_small_images_have_the_keypoints_of_a_larger_image(columns: int) -> None:
+    """Without padding A-KAZE detects nothing within about 27 pixels of a border."""
     whole, part = make_sonar(20), make_sonar(20 * columns / 120, (60, columns))
     image, config = draw_debris(3), Config(keypoints=KeypointsConfig(threshold=1e-4))
     everywhere = detect(image, whole, config=config).row_column
@@ -244,8 +256,8 @@ def test_small_images_and_outer_beams_have_features_where_a_larger_image_has_the
     assert np.median(nearest_px) < 1.0
 
 
-def test_nearest_and_farthest_rows_are_left_out() -> None:
-    """A pattern of the sonar's own that stands still there would be matched with itself, whatever the motion."""
+def test_nearest_and_farthest_rows_have_no_keypoints() -> None:
+    """Static noise of the sonar in these rows would be matched with itself, whatever the motion."""
     image = draw_debris()
     found = detect(image, SONARS["wide beams"])
     assert len(found) > 50
@@ -253,14 +265,14 @@ def test_nearest_and_farthest_rows_are_left_out() -> None:
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_a_value_that_is_not_finite_is_refused(value: float) -> None:
+def test_a_non_finite_pixel_is_an_error(value: float) -> None:
     image = draw_debris()
     image[7, 11] = value
     with pytest.raises(AsfmError, match="row 7, column 11"):
         detect(image, SONARS["wide beams"])
 
 
-def test_shapes_that_disagree_are_refused() -> None:
+def test_different_shapes_are_an_error() -> None:
     image, sonar = draw_debris(), SONARS["wide beams"]
     with pytest.raises(AsfmError, match="mask of the same shape"):
         detect(image, sonar, np.ones((3, 3), dtype=bool))
@@ -268,11 +280,11 @@ def test_shapes_that_disagree_are_refused() -> None:
         detect(image[:200], sonar)
 
 
-def test_squares_of_given_keypoints_are_those_of_found_ones() -> None:
+def test_patches_of_given_keypoints_equal_those_of_detected_ones() -> None:
     image, sonar = draw_debris(), SONARS["wide beams"]
     for space in ("polar", "fan"):
         config = Config.model_validate({"keypoints": {"space": space}})
         found = detect(image, sonar, config=config)
         given = cut_keypoint_patches(frame_of(image), found.without_patches(), sonar, config)
         same = (given.patches == found.patches).all(axis=(1, 2))
-        assert same.mean() > 0.97, "but for those between two pixels"
+        assert same.mean() > 0.97, "rounding may select another pixel for keypoints on the edge between two"

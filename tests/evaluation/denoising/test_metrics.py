@@ -19,7 +19,7 @@ def images(seed: int = 0, sigma: float = 0.1) -> tuple[ImageArray, ImageArray]:
 
 
 def plain_ssim(image: FloatArray, clean: FloatArray) -> float:
-    """Wang et al. 2004, equation 13, written out: a window of 11 pixels, its border left out of the mean."""
+    """Compute equation 13 of Wang et al. 2004 with a window of 11 pixels, averaged without the border."""
 
     def blur(values: FloatArray) -> FloatArray:
         return np.asarray(gaussian_filter(values, 1.5, radius=5))
@@ -28,9 +28,9 @@ def plain_ssim(image: FloatArray, clean: FloatArray) -> float:
     variance_x, variance_y = blur(image**2) - mean_x**2, blur(clean**2) - mean_y**2
     covariance = blur(image * clean) - mean_x * mean_y
     c1, c2 = 0.01**2, 0.03**2
-    likeness = (2 * mean_x * mean_y + c1) * (2 * covariance + c2)
-    likeness /= (mean_x**2 + mean_y**2 + c1) * (variance_x + variance_y + c2)
-    return float(likeness[5:-5, 5:-5].mean())
+    similarity = (2 * mean_x * mean_y + c1) * (2 * covariance + c2)
+    similarity /= (mean_x**2 + mean_y**2 + c1) * (variance_x + variance_y + c2)
+    return float(similarity[5:-5, 5:-5].mean())
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -44,13 +44,13 @@ def test_measures_agree_with_independent_ones(seed: int) -> None:
     assert quality.support_psnr_db == pytest.approx(inside, abs=1e-4)
 
 
-def test_psnr_worked_by_hand() -> None:
+def test_psnr_of_known_errors() -> None:
     zeros = np.zeros((4, 4), dtype=np.float32)
     assert measure_psnr(zeros + 0.1, zeros) == pytest.approx(20.0, abs=1e-5)
     assert measure_psnr(zeros + 1, zeros) == pytest.approx(0.0)
 
 
-def test_equal_images_are_perfect_and_finite() -> None:
+def test_equal_images_have_100_db_and_ssim_1() -> None:
     _, clean = images()
     quality = measure_denoising(clean, clean, clean > 0.5)
     assert quality.psnr_db == quality.support_psnr_db == pytest.approx(100.0)
@@ -64,7 +64,7 @@ def test_more_noise_is_worse_by_every_measure() -> None:
         assert values == sorted(values, reverse=True)
 
 
-def test_masking_everything_pays_in_psnr_and_costs_in_the_support() -> None:
+def test_masking_everything_raises_psnr_and_lowers_it_in_the_support() -> None:
     rng = np.random.default_rng(0)
     clean = np.zeros((60, 40), dtype=np.float32)
     clean[20:24, 10:20] = 0.8
@@ -76,12 +76,12 @@ def test_masking_everything_pays_in_psnr_and_costs_in_the_support() -> None:
     assert masked.support_psnr_db < raw.support_psnr_db
 
 
-def test_empty_support_has_no_measure() -> None:
+def test_an_empty_support_has_no_psnr() -> None:
     image, clean = images()
     assert measure_denoising(image, clean, np.zeros(clean.shape, dtype=bool)).support_psnr_db is None
 
 
-def test_average_is_over_frames() -> None:
+def test_averages_are_over_frames() -> None:
     image, clean = images()
     some, none = (measure_denoising(image, clean, support) for support in (clean > 0.5, clean > 2))
     perfect = measure_denoising(clean, clean, clean > 0.5)
@@ -92,7 +92,7 @@ def test_average_is_over_frames() -> None:
     assert average_denoising([none]).support_psnr_db is None
 
 
-def test_other_shapes_and_small_images_are_errors() -> None:
+def test_different_shapes_and_small_images_are_an_error() -> None:
     image, clean = images()
     with pytest.raises(AsfmError, match="one shape"):
         measure_denoising(image[:-1], clean, clean > 0)

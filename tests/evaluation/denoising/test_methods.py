@@ -1,4 +1,4 @@
-"""The denoisers beside ours: each removes its noise, none breaks on poor images; and the table made of them."""
+"""Denoising methods under comparison: noise reduction, degenerate images, and the table of their quality."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ def frame_of(image: ImageArray) -> Frame:
 
 
 def draw_steps(sigma: float = 0.1) -> tuple[ImageArray, ImageArray]:
-    """Grey steps, and the same with white Gaussian noise, for which the plain methods are made."""
+    """Draw grey steps with and without white Gaussian noise, for which the baselines are designed."""
     clean = np.full(SHAPE, 0.3, dtype=np.float32)
     clean[30:80, 20:60] = 0.7
     noisy = clean + np.random.default_rng(0).normal(scale=sigma, size=SHAPE)
@@ -28,30 +28,32 @@ def draw_steps(sigma: float = 0.1) -> tuple[ImageArray, ImageArray]:
 
 
 @pytest.mark.parametrize("method", [name for name in DENOISERS if name not in (RAW, MASK, OURS)])
-def test_every_plain_method_takes_out_white_noise(method: str) -> None:
+def test_every_baseline_reduces_white_noise(method: str) -> None:
     noisy, clean = draw_steps()
     assert measure_psnr(DENOISERS[method](frame_of(noisy), Config()), clean) > measure_psnr(noisy, clean) + 4
 
 
 @pytest.mark.parametrize("method", DENOISERS)
 @pytest.mark.parametrize("value", [0.0, 0.5, 1.0])
-def test_every_method_survives_an_even_image(method: str, value: float) -> None:
+def test_every_method_leaves_a_uniform_image_uniform(method: str, value: float) -> None:
     image = np.full((40, 30), value, dtype=np.float32)
     denoised = DENOISERS[method](frame_of(image), Config())
     assert denoised.shape == image.shape and denoised.dtype == np.float32
-    if method != MASK:
-        np.testing.assert_allclose(denoised, image, atol=0.003)
+    expected = np.zeros_like(image) if method == MASK else image
+    np.testing.assert_allclose(denoised, expected, atol=0.003)
 
 
 @pytest.mark.parametrize("method", DENOISERS)
-def test_every_method_gives_an_image_and_leaves_its_input_alone(method: str) -> None:
+def test_every_method_returns_an_image_and_does_not_modify_its_input(method: str) -> None:
     image = np.random.default_rng(1).choice([0.0, 0.2, 1.0], size=(40, 30)).astype(np.float32)
+    before = image.copy()
     image.flags.writeable = False
     denoised = DENOISERS[method](frame_of(image), Config())
     assert denoised.shape == image.shape and denoised.min() >= 0 and denoised.max() <= 1
+    np.testing.assert_array_equal(image, before)
 
 
-def test_a_comparison_measures_each_method_against_the_truth() -> None:
+def test_each_method_is_compared_with_the_truth() -> None:
     noisy, clean = draw_steps()
     truth = FrameTruth(np.where(clean > 0.5, 0.0, np.nan), clean)
     found = compare_denoisers(frame_of(noisy), truth, Config())
@@ -61,7 +63,7 @@ def test_a_comparison_measures_each_method_against_the_truth() -> None:
     assert inside == pytest.approx(measure_psnr(noisy[clean > 0.5], clean[clean > 0.5]))
 
 
-def test_pixels_without_data_speak_for_no_method() -> None:
+def test_invalid_pixels_do_not_change_the_quality() -> None:
     noisy, clean = draw_steps()
     truth, invalid = FrameTruth(np.zeros(SHAPE), clean), np.zeros(SHAPE, dtype=bool)
     invalid[:, 40:60] = True
@@ -74,7 +76,7 @@ def test_pixels_without_data_speak_for_no_method() -> None:
 
 
 @pytest.mark.parametrize(("shape", "clean"), [((10, 30), (10, 30)), ((30, 30), (30, 31))])
-def test_images_that_cannot_be_compared_are_one_line(shape: tuple[int, int], clean: tuple[int, int]) -> None:
+def test_different_shapes_and_small_images_are_an_error(shape: tuple[int, int], clean: tuple[int, int]) -> None:
     truth = FrameTruth(np.zeros(clean), np.zeros(clean, dtype=np.float32))
     with pytest.raises(AsfmError, match=r"at least 11 x 11 .* found \(\d+, 30\)"):
         compare_denoisers(frame_of(np.zeros(shape, dtype=np.float32)), truth, Config())
@@ -94,7 +96,7 @@ ROWS = (
 )
 
 
-def test_means_are_over_frames_and_over_those_of_a_scene() -> None:
+def test_averages_over_all_frames_and_over_groups() -> None:
     table = DenoisingTable(ROWS)
     assert table.methods == (RAW, WAVELET, OURS) and table.names("scene") == ("pier", "tank")
     assert table.average(OURS).psnr_db == pytest.approx(26.0)
@@ -103,7 +105,7 @@ def test_means_are_over_frames_and_over_those_of_a_scene() -> None:
     assert table.as_dict()["by_sonar"]["b"][OURS]["ssim"] == pytest.approx(0.9)
 
 
-def test_losses_are_said_in_words_where_they_are_and_nowhere_else() -> None:
+def test_losses_are_described_only_where_a_baseline_is_better() -> None:
     psnr, support = list_losses(DenoisingTable(ROWS))
     assert (
         psnr == "ours loses in PSNR: tank (27.00 against 30.00 of raw); b (27.00 against 30.00 of raw); 1 of 2 frames"
