@@ -87,9 +87,8 @@ def simulate(
     if isinstance(motion, Trajectory):
         path = sample_path(motion, sonar.rate_hz, frame_count)
         if len(path.timestamps_s) < frame_count:
-            remarks += (
-                f"the path ends after {len(path.timestamps_s)} of {frame_count} frames at {sonar.rate_hz:g} Hz",
-            )
+            message = f"the path ends after {len(path.timestamps_s)} of {frame_count} frames at {sonar.rate_hz:g} Hz"
+            remarks += (Diagnostic("short-path", message),)
     else:
         assert move is not None
         times_s: FloatArray = np.arange(frame_count) / sonar.rate_hz

@@ -32,7 +32,8 @@ def test_scenario_of_the_public_recording_is_read(shared_data: Path) -> None:
     assert (sonar.range_bins, sonar.azimuth_bins, sonar.range_max) == (512, 96, 8.0)
     assert (sonar.azimuth, sonar.elevation, sonar.add_sigma, sonar.mult_sigma) == (28.8, 14.0, 0.15, 0.4)
     assert sonar.noise_range_exponent == 2  # ScaleNoise
-    assert scenario.warnings and "AzimuthStreaks" in scenario.warnings[0]
+    assert [found.code for found in scenario.diagnostics] == ["unsupported-setting"]
+    assert "AzimuthStreaks" in scenario.diagnostics[0].message
     assert sonar.multi_path and sonar.rate_hz == 1
     forward = scenario.vehicle_from_sonar[:3, 0]
     assert forward == pytest.approx([np.sqrt(0.5), 0, -np.sqrt(0.5)])  # pitched down by 45 deg about the left axis
@@ -180,7 +181,7 @@ def test_realistic_scenario_is_read_whole_and_simulated(tmp_path: Path) -> None:
     sonar = scenario.sonar
     assert (sonar.name, sonar.rate_hz, sonar.range_bins, sonar.azimuth_bins) == ("Front", 10, 150, 128)
     assert (sonar.add_sigma, sonar.mult_sigma, sonar.range_sigma, sonar.multi_path) == (0.05, 0.3, 0.02, True)
-    assert sonar.noise_range_exponent == 2 and scenario.warnings == ()
+    assert sonar.noise_range_exponent == 2 and scenario.diagnostics == ()
     assert scenario.vehicle_from_sonar[:3, 3] == pytest.approx([0.3, 0.0, -0.1])
     simulated = simulate("tank", str(path), frame_count=2)
     assert simulated.sequence.read_frame(1).image.shape == (150, 128)
@@ -195,8 +196,9 @@ def test_sonar_is_the_main_agents_and_others_are_told_of(tmp_path: Path) -> None
         path.write_text(json.dumps({"main_agent": main, "agents": agents}), encoding="utf-8")
         scenario = read_scenario(path)
         assert scenario.sonar.range_max == reach
-        assert scenario.warnings == (f"{path} has 2 imaging sonars: the first is simulated",)
-    assert simulate("tank", str(path), frame_count=1).sequence.warnings[0] == scenario.warnings[0]
+        assert [found.code for found in scenario.diagnostics] == ["multiple-sonars"]
+        assert f"{path} has 2 imaging sonars" in scenario.diagnostics[0].message
+    assert simulate("tank", str(path), frame_count=1).sequence.diagnostics[0] == scenario.diagnostics[0]
 
 
 def test_noise_is_that_of_holooceans_formula(tmp_path: Path) -> None:
