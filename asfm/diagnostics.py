@@ -22,6 +22,7 @@ CODES = {
     # simulation
     "multiple-sonars": "the scenario has several imaging sonars; the first is simulated",
     "unsupported-setting": "a setting of the scenario is not simulated",
+    "short-path": "the given path ends before the requested number of frames",
     "open-mesh": "the mesh is not closed: it reflects from both sides and has no interior to avoid",
     "empty-frames": "some frames see nothing of the scene",
     # odometry, depth and attitude, found before and during initialisation

@@ -69,7 +69,7 @@ def _write_states(folder: Path, simulated: SimulatedSequence, progress: Callable
 def describe_scenario(sonar: ImagingSonar, world: str) -> dict[str, Any]:
     """Describe a sonar as a HoloOcean scenario.
 
-    :func:`asfm.simulation.sonars.holoocean_scenario.read_scenario` reads it back.
+    :func:`asfm.simulation.sonars.holoocean_scenario.read_mounted_sonar` reads it back.
     """
     configuration = {
         "RangeBins": sonar.range_bins,

@@ -16,7 +16,7 @@ from asfm.simulation.acoustics.renderer import Renderer, make_renderer
 from asfm.simulation.placement_checks import check_near, check_outside, count_blind
 from asfm.simulation.scenes.catalogue import find_scene
 from asfm.simulation.scenes.scene import Scene
-from asfm.simulation.sonars.holoocean_scenario import Scenario, read_scenario
+from asfm.simulation.sonars.holoocean_scenario import MountedSonar, read_mounted_sonar
 from asfm.simulation.sonars.parameters import ImagingSonar
 from asfm.simulation.sonars.presets import find_preset
 from asfm.simulation.vehicle.sensors import SlowDrift, simulate_navigation, simulate_odometry
@@ -87,9 +87,8 @@ def simulate(
     if isinstance(motion, Trajectory):
         path = sample_path(motion, sonar.rate_hz, frame_count)
         if len(path.timestamps_s) < frame_count:
-            remarks += (
-                f"the path ends after {len(path.timestamps_s)} of {frame_count} frames at {sonar.rate_hz:g} Hz",
-            )
+            message = f"the path ends after {len(path.timestamps_s)} of {frame_count} frames at {sonar.rate_hz:g} Hz"
+            remarks += (Diagnostic("short-path", message),)
     else:
         assert move is not None
         times_s: FloatArray = np.arange(frame_count) / sonar.rate_hz
@@ -100,15 +99,15 @@ def simulate(
     )
 
 
-def find_sonar(name: str) -> Scenario:
+def find_sonar(name: str) -> MountedSonar:
     """Give the sonar of a preset, or of a HoloOcean scenario with its lever arm.
 
     Raises:
         AsfmError: no such preset, or a scenario that cannot be read.
     """
     if name.endswith(".json"):
-        return read_scenario(Path(name))
-    return Scenario(find_preset(name), np.eye(4))
+        return read_mounted_sonar(Path(name))
+    return MountedSonar(find_preset(name), np.eye(4))
 
 
 def sample_path(path: Trajectory, rate_hz: float, frame_count: int) -> Trajectory:

@@ -1,4 +1,4 @@
-"""Where the beams of an ARIS point: its acoustic lens spaces them unevenly, and the file does not say how."""
+"""Beam bearings of ARIS sonars: polynomials of the acoustic lenses, which the recordings do not state."""
 
 import numpy as np
 
@@ -16,15 +16,20 @@ LENSES = {
     (48, True): LENS_TELEPHOTO,
     (96, True): LENS_TELEPHOTO,
 }
-"""Bearing in degrees, by beams and telephoto lens: a u + b u^2 + c u^3 + d u^5, with u from -1 to 1 over the array.
+"""By (beams, telephoto): bearing in degrees = a u + b u^2 + c u^3 + d u^5, with u from -1 to 1 over the array.
 
 Fitted for this project to the beam centres that Sound Metrics publishes for an average lens of each kind (tables of
 2018); the fit is within 0.011 degrees of every beam. Evenly spaced beams would be wrong by up to 0.87 degrees.
 """
 
 
-def beam_centres_rad(beams: int, telephoto: bool) -> FloatArray:
-    """Bearing of each beam, (beams,), rising: beam 0 is the right-most, i.e. starboard, i.e. negative."""
+def beam_centres_deg(beams: int, telephoto: bool) -> FloatArray:
+    """Return the bearing of each beam, (beams,) in degrees, rising: beam 0 is the right-most (starboard, negative)."""
     u = (np.arange(beams) + 0.5) / beams * 2 - 1
     linear, square, cube, fifth = LENSES[beams, telephoto]
-    return np.radians(linear * u + square * u**2 + cube * u**3 + fifth * u**5)
+    return np.asarray(linear * u + square * u**2 + cube * u**3 + fifth * u**5)
+
+
+def beam_centres_rad(beams: int, telephoto: bool) -> FloatArray:
+    """Return the bearing of each beam, (beams,) in radians, rising: beam 0 is the right-most (starboard, negative)."""
+    return np.radians(beam_centres_deg(beams, telephoto))

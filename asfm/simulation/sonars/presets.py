@@ -7,6 +7,7 @@ said at each. Noise and echo strength are the simulator's defaults unless a fit 
 
 import numpy as np
 
+from asfm.datasets.aris.lenses import beam_centres_deg
 from asfm.errors import AsfmError
 from asfm.simulation.sonars.parameters import ImagingSonar
 from asfm.types import FloatArray
@@ -23,12 +24,6 @@ def _didson_spaced(beams: int = 96) -> tuple[float, ...]:
     angle_deg = np.linspace(-16.0, 16.0, 6401)
     beam = 1.012 * (0.0030 * angle_deg**3 - 0.0055 * angle_deg**2 + 2.6829 * angle_deg + 48.04) + 1
     return _table(np.interp(np.arange(1, beams + 1), beam, angle_deg))
-
-
-def _aris_spaced(beams: int = 128) -> tuple[float, ...]:
-    """Follow a quintic fitted to the beam centres that Sound Metrics publishes for the ARIS 3000's lens."""
-    u = (np.arange(beams) + 0.5) / beams * 2 - 1
-    return _table(15.2465 * u - 0.0613 * u**3 - 0.0659 * u**5)
 
 
 def _table(bearings_deg: FloatArray) -> tuple[float, ...]:
@@ -128,7 +123,7 @@ PRESETS: dict[str, ImagingSonar] = {
         range_bins=860,
         azimuth=30.0,
         azimuth_bins=128,
-        bearings_deg=_aris_spaced(),
+        bearings_deg=_table(beam_centres_deg(128, telephoto=False)),
         elevation=14.0,
         beam_width_deg=0.25,
         independent_beams=True,

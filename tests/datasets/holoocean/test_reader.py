@@ -85,10 +85,10 @@ def test_an_image_of_another_size_is_reported_when_it_is_read(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("config", "message"),
     [
-        ("{", r"cannot read the scenario"),
+        ("{", r"cannot read a HoloOcean scenario"),
         ("[]", r"the file: "),
         ("{}", r"expected the key 'agents'"),
-        (json.dumps({"agents": [{"sensors": []}]}), r"expected a sensor of type ImagingSonar, found 0"),
+        (json.dumps({"agents": [{"sensors": []}]}), r"expected a sensor_type of ImagingSonar, found no sensors"),
         (json.dumps(make_config(sonar={"configuration": {"Azimuth": 60}})), r"the key 'Elevation'"),
         (json.dumps(make_config(sonar={"configuration": {**GEOMETRY, "RangeMin": 9}})), r"RangeMin below RangeMax"),
         (json.dumps(make_config(ds_factor=0)), r"ds_factor: .*found 0"),

@@ -14,7 +14,7 @@ from asfm.geometry.poses import invert
 from asfm.simulation.acoustics.receiver import add_noise
 from asfm.simulation.holoocean_writer import describe_scenario, write_pickles
 from asfm.simulation.simulate import simulate
-from asfm.simulation.sonars.holoocean_scenario import read_scenario
+from asfm.simulation.sonars.holoocean_scenario import read_mounted_sonar
 from asfm.simulation.sonars.parameters import ImagingSonar, make_sonar_model
 from asfm.simulation.sonars.presets import PRESETS
 
@@ -27,12 +27,13 @@ def _write(path: Path, sensor: dict[str, Any] | None = None, **configuration: An
 
 
 def test_scenario_of_the_public_recording_is_read(shared_data: Path) -> None:
-    scenario = read_scenario(shared_data / "holoocean_boat" / "Config.json")
+    scenario = read_mounted_sonar(shared_data / "holoocean_boat" / "Config.json")
     sonar = scenario.sonar
     assert (sonar.range_bins, sonar.azimuth_bins, sonar.range_max) == (512, 96, 8.0)
     assert (sonar.azimuth, sonar.elevation, sonar.add_sigma, sonar.mult_sigma) == (28.8, 14.0, 0.15, 0.4)
     assert sonar.noise_range_exponent == 2  # ScaleNoise
-    assert scenario.warnings and "AzimuthStreaks" in scenario.warnings[0]
+    assert [found.code for found in scenario.diagnostics] == ["unsupported-setting"]
+    assert "AzimuthStreaks" in scenario.diagnostics[0].message
     assert sonar.multi_path and sonar.rate_hz == 1
     forward = scenario.vehicle_from_sonar[:3, 0]
     assert forward == pytest.approx([np.sqrt(0.5), 0, -np.sqrt(0.5)])  # pitched down by 45 deg about the left axis
@@ -40,7 +41,7 @@ def test_scenario_of_the_public_recording_is_read(shared_data: Path) -> None:
 
 def test_resolutions_and_covariances_become_bins_and_sigmas(tmp_path: Path) -> None:
     path = _write(tmp_path / "a.json", RangeMin=1, RangeMax=5, RangeRes=0.01, Azimuth=60, AzimuthRes=0.5, AddCov=0.04)
-    sonar = read_scenario(path).sonar
+    sonar = read_mounted_sonar(path).sonar
     assert (sonar.range_bins, sonar.azimuth_bins) == (400, 120)
     assert sonar.add_sigma == pytest.approx(0.2)
     assert sonar.mult_sigma == 0 and sonar.independent_beams  # HoloOcean's defaults, not ours
@@ -52,7 +53,7 @@ def test_description_reads_back(tmp_path: Path) -> None:
     )
     path = tmp_path / "b.json"
     path.write_text(json.dumps(describe_scenario(sonar, "pier")), encoding="utf-8")
-    again = read_scenario(path).sonar
+    again = read_mounted_sonar(path).sonar
     same = {"name", "rate_hz", "independent_beams"}
     assert again.model_dump(exclude=same) == sonar.model_dump(exclude=same)
 
@@ -86,7 +87,11 @@ def test_description_reads_back(tmp_path: Path) -> None:
         ({"Hz": "fast"}, {}, "Hz: expected a number above zero, found 'fast'"),
         ({"location": [1, 2]}, {}, "expected three numbers in the sonar's location"),
         ({"configuration": None}, {}, "configuration, found NoneType"),
-        ({"sensor_type": "RGBCamera"}, {}, "expected a sensor_type of ImagingSonar"),
+        (
+            {"sensor_type": "RGBCamera"},
+            {},
+            "expected a sensor_type of ImagingSonar, found PoseSensor, RGBCamera",
+        ),
     ],
 )
 def test_bad_scenario_is_one_clear_line(
@@ -94,7 +99,7 @@ def test_bad_scenario_is_one_clear_line(
 ) -> None:
     path = _write(tmp_path / "bad.json", sensor, **configuration)
     with pytest.raises(AsfmError, match=message) as caught:
-        read_scenario(path)
+        read_mounted_sonar(path)
     assert str(path) in str(caught.value) and "\n" not in str(caught.value)
 
 
@@ -176,11 +181,11 @@ REALISTIC: dict[str, Any] = {
 def test_realistic_scenario_is_read_whole_and_simulated(tmp_path: Path) -> None:
     path = tmp_path / "survey.json"
     path.write_text(json.dumps(REALISTIC), encoding="utf-8")
-    scenario = read_scenario(path)
+    scenario = read_mounted_sonar(path)
     sonar = scenario.sonar
     assert (sonar.name, sonar.rate_hz, sonar.range_bins, sonar.azimuth_bins) == ("Front", 10, 150, 128)
     assert (sonar.add_sigma, sonar.mult_sigma, sonar.range_sigma, sonar.multi_path) == (0.05, 0.3, 0.02, True)
-    assert sonar.noise_range_exponent == 2 and scenario.warnings == ()
+    assert sonar.noise_range_exponent == 2 and scenario.diagnostics == ()
     assert scenario.vehicle_from_sonar[:3, 3] == pytest.approx([0.3, 0.0, -0.1])
     simulated = simulate("tank", str(path), frame_count=2)
     assert simulated.sequence.read_frame(1).image.shape == (150, 128)
@@ -193,17 +198,18 @@ def test_sonar_is_the_main_agents_and_others_are_told_of(tmp_path: Path) -> None
     path = tmp_path / "two.json"
     for main, reach in (("a", 3), ("b", 7), ("none", 3)):
         path.write_text(json.dumps({"main_agent": main, "agents": agents}), encoding="utf-8")
-        scenario = read_scenario(path)
+        scenario = read_mounted_sonar(path)
         assert scenario.sonar.range_max == reach
-        assert scenario.warnings == (f"{path} has 2 imaging sonars: the first is simulated",)
-    assert simulate("tank", str(path), frame_count=1).sequence.warnings[0] == scenario.warnings[0]
+        assert [found.code for found in scenario.diagnostics] == ["multiple-sonars"]
+        assert f"{path} has 2 imaging sonars" in scenario.diagnostics[0].message
+    assert simulate("tank", str(path), frame_count=1).sequence.diagnostics[0] == scenario.diagnostics[0]
 
 
 def test_noise_is_that_of_holooceans_formula(tmp_path: Path) -> None:
     """Drawn by its own words: echo x (0.5 + normal) + Rayleigh x (range / RangeMax)^2 where noise is scaled."""
     rng = np.random.default_rng(0)
     keys: dict[str, Any] = {"RangeBins": 400, "AzimuthBins": 256, "AddSigma": 0.08, "MultSigma": 0.1}
-    sonar = read_scenario(_write(tmp_path / "a.json", ScaleNoise=True, **keys)).sonar
+    sonar = read_mounted_sonar(_write(tmp_path / "a.json", ScaleNoise=True, **keys)).sonar
     model = make_sonar_model(sonar)
     theirs = 0.4 * (0.5 + 0.1 * rng.standard_normal(model.shape))
     quiet = sonar.model_copy(update={"add_sigma": 0.0})

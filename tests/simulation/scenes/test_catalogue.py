@@ -40,7 +40,7 @@ def test_scene_winds_outward_and_is_seen_all_along_its_motion(name: str) -> None
     scene, sequence = simulated.scene, simulated.sequence
     assert np.isfinite(scene.vertices_m).all() and scene.reflectivity.min() > 0
     assert scene.faces.min() >= 0 and scene.faces.max() < len(scene.vertices_m)
-    assert sequence.warnings == ()
+    assert sequence.diagnostics == ()
     for index in (0, 15, 29):
         truth = simulated.read_truth(index)
         assert np.isfinite(truth.elevation_rad).mean() > 0.08
@@ -75,7 +75,7 @@ def test_mesh_file_becomes_a_scene(tmp_path: Path) -> None:
     box = trimesh.creation.box(extents=(2.0, 1.0, 1.0))
     simulated = simulate(_save(box, tmp_path / "crate.obj"), frame_count=20)
     assert simulated.scene.name == "crate"
-    assert simulated.sequence.warnings == ()
+    assert simulated.sequence.diagnostics == ()
     assert len(simulated.scene.faces) > 500  # cut up to carry texture
     assert np.isfinite(simulated.read_truth(0).elevation_rad).any()
 
@@ -127,7 +127,8 @@ def test_sonar_inside_the_things_of_a_scene_is_refused(name: str) -> None:
 def test_open_mesh_is_simulated_with_a_warning(tmp_path: Path) -> None:
     sheet = trimesh.Trimesh([[0, -3, 0], [0, 3, 0], [0, 0, 3]], [[0, 1, 2]])
     simulated = simulate(_save(sheet, tmp_path / "sheet.stl"), frame_count=3)
-    assert [warning for warning in simulated.sequence.warnings if "sheet is open" in warning]
+    opened = [found for found in simulated.sequence.diagnostics if found.code == "open-mesh"]
+    assert len(opened) == 1 and "sheet is open" in opened[0].message
     assert np.isfinite(simulated.read_truth(1).elevation_rad).any()
 
 
@@ -186,7 +187,9 @@ def test_nothing_in_view_is_a_valid_image_of_noise_and_a_warning() -> None:
     triangle = Scene("far", np.array([[90.0, 0, 0], [90, 1, 0], [90, 0, 1]]), np.array([[0, 2, 1]]), np.ones(1))
     sonar = PRESETS["oculus_m750d_high"]
     simulated = simulate_path(triangle, sonar, Trajectory(np.array([0.0, 0.2]), np.tile(np.eye(4), (2, 1, 1))))
-    assert simulated.sequence.warnings == ("2 of 2 frames see nothing of far within 8.0 m; it is 1 m across",)
+    (found,) = simulated.sequence.diagnostics
+    assert found.code == "empty-frames"
+    assert found.message == "2 of 2 frames see nothing of far within 8.0 m; it is 1 m across"
     image, truth = simulated.sequence.read_frame(0).image, simulated.read_truth(0)
     assert image.mean() == pytest.approx(sonar.add_sigma * np.sqrt(np.pi / 2), rel=0.02)
     assert np.isnan(truth.elevation_rad).all() and truth.clean.max() == 0
@@ -233,5 +236,7 @@ def test_path_of_a_file_is_followed() -> None:
     truth = simulated.sequence.groundtruth
     assert truth is not None
     assert len(simulated.sequence) == 21  # 4 s at 5 Hz, not 80
+    (found,) = [found for found in simulated.sequence.diagnostics if found.code == "short-path"]
+    assert "after 21 of 80 frames at 5 Hz" in found.message
     assert truth.timestamps_s[[0, -1]] == pytest.approx([10.0, 14.0])
     assert truth.world_from_vehicle[10, :3, 3] == pytest.approx([-3.0, 0, -2.0])
