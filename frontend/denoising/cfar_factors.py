@@ -109,7 +109,7 @@ def lookup_goca_soca_factors(
 
 
 @lru_cache(maxsize=4)
-def _factor_table(side: int, probability: float, greatest: bool) -> FloatArray:
+def _factor_table(side: int, _probability: float, _greatest: bool) -> FloatArray:
     """Return the cache of factors, (side * side,) by pair of counts: NaN until a pair is first needed."""
     return np.full(side * side, np.nan)
 

@@ -56,11 +56,11 @@ def _make_orb(threshold: float, settings: KeypointsConfig) -> Any:
     return cv2.ORB.create(settings.max_count, ORB_SCALE, fastThreshold=max(round(threshold), 1))
 
 
-def _make_sift(threshold: float, settings: KeypointsConfig) -> Any:
+def _make_sift(threshold: float, _settings: KeypointsConfig) -> Any:
     return cv2.SIFT.create(0, 3, threshold, 10, 1.6, cv2.CV_32F, True)  # enable_precise_upscale: no half-pixel shift
 
 
-def _make_brisk(threshold: float, settings: KeypointsConfig) -> Any:
+def _make_brisk(threshold: float, _settings: KeypointsConfig) -> Any:
     return cv2.BRISK.create(max(round(threshold), 1))
 
 

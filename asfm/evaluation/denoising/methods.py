@@ -30,12 +30,12 @@ MIN_FILTER_STRENGTH = 0.5 / 255
 """Half a grey level of 8 bits; images with less noise are returned unchanged."""
 
 
-def keep_raw(frame: Frame, config: Config) -> ImageArray:
+def keep_raw(frame: Frame, _config: Config) -> ImageArray:
     """Return the image unchanged."""
     return frame.image
 
 
-def denoise_by_wavelet(frame: Frame, config: Config) -> ImageArray:
+def denoise_by_wavelet(frame: Frame, _config: Config) -> ImageArray:
     """Apply BayesShrink (Chang, Yu and Vetterli 2000) with soft thresholds and scikit-image's defaults."""
     if _estimate_sigma(frame.image) < MIN_WAVELET_SIGMA:  # BayesShrink divides by it
         return frame.image
@@ -43,12 +43,12 @@ def denoise_by_wavelet(frame: Frame, config: Config) -> ImageArray:
     return np.asarray(np.clip(np.nan_to_num(shrunk), 0, 1), dtype=np.float32)
 
 
-def denoise_by_median(frame: Frame, config: Config) -> ImageArray:
+def denoise_by_median(frame: Frame, _config: Config) -> ImageArray:
     """Apply a median filter of 3 x 3 pixels."""
     return np.asarray(cv2.medianBlur(frame.image, MEDIAN_PX))
 
 
-def denoise_by_nonlocal_means(frame: Frame, config: Config) -> ImageArray:
+def denoise_by_nonlocal_means(frame: Frame, _config: Config) -> ImageArray:
     """Apply non-local means (Buades et al. 2005, OpenCV, 8 bits): patches 5 x 5, search 13 x 13, h = 1.5 sigma."""
     strength = SIGMA_TO_STRENGTH * _estimate_sigma(frame.image)
     if strength < MIN_FILTER_STRENGTH:
@@ -60,7 +60,7 @@ def denoise_by_nonlocal_means(frame: Frame, config: Config) -> ImageArray:
     return np.asarray(denoised / np.float32(255))
 
 
-def denoise_by_total_variation(frame: Frame, config: Config) -> ImageArray:
+def denoise_by_total_variation(frame: Frame, _config: Config) -> ImageArray:
     """Apply total variation denoising (Rudin et al. 1992; Chambolle 2004, scikit-image) of weight 3 sigma."""
     weight = SIGMA_TO_WEIGHT * _estimate_sigma(frame.image)
     if weight < MIN_FILTER_STRENGTH:
