@@ -91,3 +91,20 @@ def depth_roll_pitch(pose: FloatArray) -> FloatArray:
 def wrap_angle(angle_rad: FloatArray) -> FloatArray:
     """Wrap angles in radians to -pi (included) .. pi (excluded)."""
     return np.asarray(np.remainder(angle_rad + np.pi, 2 * np.pi) - np.pi)
+
+
+def pose_log(pose: FloatArray) -> FloatArray:
+    """Return the SE(3) logarithm (..., 6) of (..., 4, 4) transforms: rotation in rad, then translation part in m.
+
+    The inverse of the exponential map, for rotations below pi (Barfoot 2017, State Estimation for Robotics, section
+    7.1.3). GTSAM's ``Pose3.Logmap`` has the same order; ``a.localCoordinates(b)`` is ``pose_log(invert(a) @ b)``.
+    """
+    matrices = pose[..., :3, :3].reshape(-1, 3, 3)
+    rotation_rad = Rotation.from_matrix(matrices).as_rotvec().reshape(*pose.shape[:-2], 3)
+    angle_rad = np.linalg.norm(rotation_rad, axis=-1, keepdims=True)
+    safe_rad = np.maximum(angle_rad, 1e-4)  # below, the limit 1/12 is exact in double precision
+    factor = (1 - safe_rad / 2 / np.tan(safe_rad / 2)) / safe_rad**2
+    factor = np.where(angle_rad < 1e-4, 1 / 12, factor)
+    turned_m = np.cross(rotation_rad, pose[..., :3, 3])
+    translation_m = pose[..., :3, 3] - turned_m / 2 + factor * np.cross(rotation_rad, turned_m)
+    return np.concatenate([rotation_rad, translation_m], axis=-1)
