@@ -181,19 +181,6 @@ def test_landmarks_are_held_against_their_true_points() -> None:
     assert pooled.share == pytest.approx(quality.share * 2 / 3) and pooled.near == quality.near
 
 
-@pytest.mark.parametrize(
-    ("warning", "says"),
-    [
-        ("from frame 12 on the trajectory is not to be trusted: 3 landmarks", True),
-        ("the trajectory cannot be trusted between frames 3-9 and later", True),
-        ("frames 3-9 are held by the last pose", False),
-        ("do not trust the weather", False),
-    ],
-)
-def test_distrust_names_a_frame(warning: str, says: bool) -> None:
-    assert bool(load("tools.benchmark.accuracy").DISTRUST.search(warning)) is says
-
-
 def test_the_table_judges_means_and_worst_cases() -> None:
     table, accuracy, sequences = (
         load(f"tools.benchmark.{name}") for name in ("backend", "accuracy", "simulated_cases")

@@ -74,9 +74,14 @@ def test_a_run_is_measured_in_a_child(
 
 def test_what_is_not_known_is_a_dash(benchmark: ModuleType) -> None:
     runs = importlib.import_module("tools.benchmark.runs")
-    report = {"sequence": {"frames": 6}, "stages": [], "warnings": ["little is seen"]}
+    report = {
+        "sequence": {"frames": 6},
+        "stages": [],
+        "warnings": [{"code": "empty-frames", "message": "little is seen"}],
+    }
     unknown = runs.summarise(report, [], 2.0)
     assert runs._cells(unknown) == ("6", "-", "-", "2.0", "0", "1")
+    assert runs.describe_run(unknown)[-1] == "warning: little is seen [empty-frames]"
     rows = [{"name": runs.ATE, "value": 0.02}, {"name": runs.PATH_SHARE, "value": 1.5}]
     assert runs._cells(runs.summarise(report, rows, 2.0))[1:3] == ("0.0200", "1.50 %")
     rows[0] |= {"odometry": 0.04, "ratio": 0.5}

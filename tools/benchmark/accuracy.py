@@ -1,6 +1,5 @@
 """One run of the back-end beside the truth: poses, their covariances and landmarks, for ``benchmark.py``."""
 
-import re
 import time
 from collections.abc import Callable, Iterator
 from collections.abc import Sequence as Rows
@@ -29,8 +28,8 @@ MODES: dict[str, tuple[str, ...]] = {
     "sonar": SONAR_ALONE,
 }
 """What a run may use of the sequence, as settings: odometry, depth and attitude; odometry; the sonar alone."""
-DISTRUST = re.compile(r"trust.*\bframes? \d|\bframes? \d.*trust", re.IGNORECASE)
-"""A warning that says from which frame on the trajectory is not to be trusted."""
+UNCERTAIN = "position-uncertainty"
+"""Code of the diagnostic that names the frame from which on the positions are too uncertain to be trusted."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +133,7 @@ def _measure_run(
             result.pose_covariance,
         ),
         landmarks=None if read_truth is None else judge_landmarks(result, sequence, read_truth, mode == "sonar"),
-        distrusted=any(DISTRUST.search(warning) for warning in result.warnings),
+        distrusted=any(item.code == UNCERTAIN for item in result.diagnostics),
     )
 
 

@@ -41,6 +41,7 @@ class RunMeasure:
     stages: tuple[dict[str, Any], ...]
     """As report.json lists them."""
     warnings: tuple[str, ...]
+    """The diagnostics in report.json: message and code."""
     ate_m: float | None
     """SE(3)-aligned, scale off; None where nothing true is known. The next three are None where they do not exist."""
     odometry_ate_m: float | None
@@ -98,7 +99,7 @@ def summarise(report: dict[str, Any], rows: list[dict[str, Any]], wall_s: float)
         wall_s=wall_s,
         peak_mb=max((stage["peak_memory_mb"] for stage in report["stages"]), default=0.0),
         stages=tuple(report["stages"]),
-        warnings=tuple(report["warnings"]),
+        warnings=tuple(f"{item['message']} [{item['code']}]" for item in report["warnings"]),
         ate_m=error.get("value"),
         odometry_ate_m=error.get("odometry"),
         ratio=error.get("ratio"),
