@@ -35,7 +35,7 @@ def describe_results(summary: RunSummary) -> list[str]:
     lines = align(rows, numbers=(1, 2))
     lines.append(f"{len(summary.sequence)} frames of {summary.sequence.name} in {summary.wall_s:.1f} s")
     for row in summary.evaluation.rows if summary.evaluation is not None else ():
-        if row.name.startswith("ATE RMSE,"):
+        if row.key.startswith("ate_rmse_m_"):
             odometry = "" if row.odometry is None else f"; odometry {row.odometry:.4f} {row.unit}"
             ratio = "" if row.ratio is None else f", ratio {row.ratio:.2f}"
             lines.append(f"{row.name}: {row.value:.4f} {row.unit}{odometry}{ratio}")

@@ -1,168 +1,210 @@
-"""Precision and recall of matches against a simulation's truth, and the errors of the places that they join."""
+"""Precision and recall of feature matches per frame gap: against true elevations, or against elevation arcs.
 
-from collections.abc import Iterable
+A simulation knows each keypoint's elevation and so its exact position in the other frame. Where only the poses are
+true, matches are judged by their elevation arcs (:mod:`asfm.evaluation.arc_consistency`).
+"""
+
+from collections import abc, defaultdict
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 
-from asfm.evaluation.trajectory import summarise
-from asfm.geometry.poses import invert, transform
-from asfm.geometry.sonar import back_project, project
-from asfm.types import BoolArray, FloatArray, Keypoints, Matches
+from asfm.evaluation.arc_consistency import Tolerance, find_arc_inliers
+from asfm.evaluation.pose_error_table import EvaluationRow
+from asfm.evaluation.trajectory import interpolate_groundtruth
+from asfm.evaluation.true_positions import TRUTH_TOLERANCE, TruePositions, find_true_positions
+from asfm.geometry.poses import invert, wrap_angle
+from asfm.geometry.sonar import SonarModel
+from asfm.sequence import Sequence
+from asfm.types import BoolArray, FloatArray, FrameTruth, Keypoints, Matches
 
-RANGE_TOLERANCE_M = 0.10
-BEARING_TOLERANCE_RAD = float(np.radians(1.5))
-"""A match is right when its second keypoint lies this close to where the first one's point truly is."""
-REACH_PX = 2.0
-"""A keypoint sits beside its echo as often as on it: the nearest pixel with an elevation this close counts."""
-
-
-@dataclass(frozen=True)
-class TruePositions:
-    """Where the points of one frame's keypoints truly are in another frame."""
-
-    range_m: FloatArray
-    """(K,), zero where unknown."""
-    bearing_rad: FloatArray
-    """(K,), zero where unknown."""
-    known: BoolArray
-    """(K,) false where nothing echoes near the keypoint: it is noise, and no match of it is right."""
+REPORTED_GAPS = (1, 2, 4, 8)
+"""Frame gaps that are reported by default."""
 
 
 @dataclass(frozen=True)
 class MatchQuality:
-    """What truth says of the matches of one pair of frames, or of many."""
+    """Correct matches of one frame pair, or of many."""
 
     matches: int
-    right: int
     possible: int
-    """Keypoints of the first frame that have a right partner in the second."""
-    found: int
-    """Those of them that a right match joins."""
+    """Keypoints of the first frame with a correct partner among the keypoints of the second."""
+    recalled: int
+    """Those of them with a correct match."""
     range_error_m: FloatArray
-    """(right,) seen minus true, both keypoints' errors together."""
+    """(C,) of the correct matches, detected minus true; the localisation errors of both keypoints add up."""
     bearing_error_rad: FloatArray
-    """(right,) seen minus true, both keypoints' errors together."""
+    """(C,) of the correct matches, detected minus true."""
+
+    @property
+    def correct(self) -> int:
+        """Number of correct matches."""
+        return len(self.range_error_m)
 
     @property
     def precision(self) -> float | None:
-        """Right matches in all matches; None where there are none."""
-        return self.right / self.matches if self.matches else None
+        """Correct matches over all matches; None without matches."""
+        return self.correct / self.matches if self.matches else None
 
     @property
     def recall(self) -> float | None:
-        """Found keypoints in all possible ones; None where there are none."""
-        return self.found / self.possible if self.possible else None
+        """Recalled keypoints over all that could be matched correctly; None where none could."""
+        return self.recalled / self.possible if self.possible else None
 
 
-def look_up_elevation(
-    row_column: FloatArray, elevation_rad: FloatArray, reach_px: float = REACH_PX
-) -> tuple[FloatArray, BoolArray]:
-    """Take the elevation of the nearest pixel that has one.
+def evaluate_pair(
+    truth: TruePositions, keypoints_b: Keypoints, matches: Matches, tolerance: Tolerance = TRUTH_TOLERANCE
+) -> MatchQuality:
+    """Evaluate the matches of one frame pair.
 
     Args:
-        row_column: (K, 2) fractional, pixel centres at +0.5.
-        elevation_rad: (ranges, beams), NaN where nothing echoes.
-        reach_px: farthest centre of a pixel that counts.
-
-    Returns:
-        (K,) elevation, zero where unknown, and (K,) whether it is known.
+        truth: (K) true positions of frame a's keypoints in frame b.
+        keypoints_b: of frame b.
+        matches: (M) of frames a and b.
+        tolerance: largest errors of a correct match in range and bearing, both inclusive.
     """
-    reach = int(np.ceil(reach_px))
-    offset = np.indices((2 * reach + 1, 2 * reach + 1)).reshape(2, -1).T - reach
-    pixel = np.floor(row_column).astype(int)[:, None] + offset
-    distance_px = np.linalg.norm(pixel + 0.5 - row_column[:, None], axis=-1)
-    inside = np.all((pixel >= 0) & (pixel < elevation_rad.shape), axis=-1)
-    row, column = np.moveaxis(np.where(inside[..., None], pixel, 0), -1, 0)
-    candidate_rad = elevation_rad[row, column].astype(float)
-    distance_px[~inside | ~np.isfinite(candidate_rad) | (distance_px > reach_px)] = np.inf
-    keypoint, nearest = np.arange(len(pixel)), np.argmin(distance_px, axis=1)
-    known = np.isfinite(distance_px[keypoint, nearest])
-    return np.where(known, candidate_rad[keypoint, nearest], 0.0), known
-
-
-def find_true_positions(
-    keypoints: Keypoints, elevation_rad: FloatArray, sonar_b_from_sonar_a: FloatArray
-) -> TruePositions:
-    """Carry the keypoints of frame a, with the true (ranges, beams) elevation of frame a, into frame b."""
-    elevation, known = look_up_elevation(keypoints.row_column, elevation_rad)
-    in_a_m = back_project(keypoints.range_m, keypoints.bearing_rad, elevation)
-    range_m, bearing_rad, _ = project(transform(sonar_b_from_sonar_a, in_a_m))
-    return TruePositions(np.where(known, range_m, 0.0), np.where(known, bearing_rad, 0.0), known)
-
-
-def judge_matches(
-    truth: TruePositions,
-    keypoints_b: Keypoints,
-    matches: Matches,
-    range_tolerance_m: float = RANGE_TOLERANCE_M,
-    bearing_tolerance_rad: float = BEARING_TOLERANCE_RAD,
-) -> BoolArray:
-    """Tell which of the (M,) matches are right: both range and bearing lie within their tolerance of the truth."""
     a, b = matches.index[:, 0], matches.index[:, 1]
     range_error_m = keypoints_b.range_m[b] - truth.range_m[a]
-    bearing_error_rad = _wrap(keypoints_b.bearing_rad[b] - truth.bearing_rad[a])
-    near = (np.abs(range_error_m) <= range_tolerance_m) & (np.abs(bearing_error_rad) <= bearing_tolerance_rad)
-    return np.asarray(near & truth.known[a])
-
-
-def evaluate_matches(
-    keypoints_a: Keypoints,
-    keypoints_b: Keypoints,
-    matches: Matches,
-    elevation_rad: FloatArray,
-    world_from_sonar_a: FloatArray,
-    world_from_sonar_b: FloatArray,
-    range_tolerance_m: float = RANGE_TOLERANCE_M,
-    bearing_tolerance_rad: float = BEARING_TOLERANCE_RAD,
-) -> MatchQuality:
-    """Judge the matches of a pair of frames by the true elevation (ranges, beams) of frame a and both true poses."""
-    truth = find_true_positions(keypoints_a, elevation_rad, invert(world_from_sonar_b) @ world_from_sonar_a)
-    right = judge_matches(truth, keypoints_b, matches, range_tolerance_m, bearing_tolerance_rad)
-    near = np.abs(keypoints_b.range_m - truth.range_m[:, None]) <= range_tolerance_m
-    near &= np.abs(_wrap(keypoints_b.bearing_rad - truth.bearing_rad[:, None])) <= bearing_tolerance_rad
-    a, b = matches.index[right].T
+    bearing_error_rad = wrap_angle(keypoints_b.bearing_rad[b] - truth.bearing_rad[a])
+    correct = _within(range_error_m, bearing_error_rad, tolerance) & truth.known[a]
+    near = _within(
+        keypoints_b.range_m - truth.range_m[:, None],
+        wrap_angle(keypoints_b.bearing_rad - truth.bearing_rad[:, None]),
+        tolerance,
+    )
     return MatchQuality(
         matches=len(matches),
-        right=int(right.sum()),
         possible=int((near.any(axis=1) & truth.known).sum()),
-        found=len(np.unique(a)),
-        range_error_m=keypoints_b.range_m[b] - truth.range_m[a],
-        bearing_error_rad=_wrap(keypoints_b.bearing_rad[b] - truth.bearing_rad[a]),
+        recalled=len(np.unique(a[correct])),
+        range_error_m=range_error_m[correct],
+        bearing_error_rad=bearing_error_rad[correct],
     )
 
 
-def pool_matches(qualities: Iterable[MatchQuality]) -> MatchQuality:
-    """Add up the counts and join the errors of many pairs of frames."""
+def pool_pairs(qualities: abc.Iterable[MatchQuality]) -> MatchQuality:
+    """Add up the counts and concatenate the errors of many frame pairs."""
     parts = list(qualities)
     return MatchQuality(
         matches=sum(part.matches for part in parts),
-        right=sum(part.right for part in parts),
         possible=sum(part.possible for part in parts),
-        found=sum(part.found for part in parts),
+        recalled=sum(part.recalled for part in parts),
         range_error_m=np.concatenate([np.zeros(0), *(part.range_error_m for part in parts)]),
         bearing_error_rad=np.concatenate([np.zeros(0), *(part.bearing_error_rad for part in parts)]),
     )
 
 
-def describe_matches(quality: MatchQuality) -> tuple[tuple[str, float, str], ...]:
-    """Give (name, value, unit) of all that is known; a measure without a single case is left out."""
-    rows = [
-        ("matches", float(quality.matches), "matches"),
-        ("right matches", float(quality.right), "matches"),
-        ("precision", None if quality.precision is None else 100 * quality.precision, "%"),
-        ("recall", None if quality.recall is None else 100 * quality.recall, "%"),
-    ]
-    if quality.right:
-        range_m, bearing_rad = summarise(np.abs(quality.range_error_m)), summarise(np.abs(quality.bearing_error_rad))
-        rows += [
-            ("range error of right matches, RMSE", range_m.rmse, "m"),
-            ("range error of right matches, median", range_m.median, "m"),
-            ("bearing error of right matches, RMSE", float(np.degrees(bearing_rad.rmse)), "deg"),
-            ("bearing error of right matches, median", float(np.degrees(bearing_rad.median)), "deg"),
-        ]
-    return tuple((name, value, unit) for name, value, unit in rows if value is not None)
+def evaluate_by_truth(
+    keypoints: abc.Sequence[Keypoints],
+    matches: abc.Iterable[Matches],
+    world_from_sonar: FloatArray,
+    read_truth: abc.Callable[[int], FrameTruth],
+) -> dict[int, MatchQuality]:
+    """Evaluate matches by the true elevations of a simulation.
+
+    Args:
+        keypoints: one set a frame.
+        matches: any frame pairs, frame_a before frame_b.
+        world_from_sonar: (N, 4, 4) true poses of the frames.
+        read_truth: returns the truth of a frame; called once for each frame_a.
+
+    Returns:
+        The pooled quality of each frame gap that occurs, in rising order.
+
+    Raises:
+        AsfmError: the truth of a frame cannot be read.
+    """
+    found: dict[int, list[MatchQuality]] = defaultdict(list)
+    for frame_a, pairs in groupby(sorted(matches, key=_frame_a), key=_frame_a):
+        elevation_rad = read_truth(frame_a).elevation_rad
+        for pair in pairs:
+            b_from_a = invert(world_from_sonar[pair.frame_b]) @ world_from_sonar[frame_a]
+            truth = find_true_positions(keypoints[frame_a], elevation_rad, b_from_a)
+            found[pair.frame_b - frame_a].append(evaluate_pair(truth, keypoints[pair.frame_b], pair))
+    return {gap: pool_pairs(found[gap]) for gap in sorted(found)}
 
 
-def _wrap(angle_rad: FloatArray) -> FloatArray:
-    return np.remainder(angle_rad + np.pi, 2 * np.pi) - np.pi
+def evaluate_by_arcs(
+    keypoints: abc.Sequence[Keypoints], matches: abc.Iterable[Matches], world_from_sonar: FloatArray, sonar: SonarModel
+) -> dict[int, BoolArray]:
+    """Evaluate matches by their elevation arcs under true poses.
+
+    Args:
+        keypoints: one set a frame.
+        matches: any frame pairs, frame_a before frame_b.
+        world_from_sonar: (N, 4, 4) true poses of the frames.
+        sonar: elevation aperture.
+
+    Returns:
+        For each frame gap that occurs, in rising order, which of all its (M,) matches lie on their arc.
+    """
+    found: dict[int, list[BoolArray]] = defaultdict(list)
+    for pair in matches:
+        b_from_a = invert(world_from_sonar[pair.frame_b]) @ world_from_sonar[pair.frame_a]
+        pixel_a, pixel_b = (
+            np.stack([frame.range_m[index], frame.bearing_rad[index]], axis=1)
+            for frame, index in zip((keypoints[pair.frame_a], keypoints[pair.frame_b]), pair.index.T, strict=True)
+        )
+        found[pair.frame_b - pair.frame_a].append(find_arc_inliers(pixel_a, pixel_b, b_from_a, sonar))
+    return {gap: np.concatenate(found[gap]) for gap in sorted(found)}
+
+
+def evaluate_matching(
+    keypoints: abc.Sequence[Keypoints],
+    matches: abc.Iterable[Matches],
+    sequence: Sequence,
+    read_truth: abc.Callable[[int], FrameTruth] | None,
+    gaps: abc.Iterable[int] = REPORTED_GAPS,
+) -> tuple[EvaluationRow, ...]:
+    """Evaluate the matches of a run for a table: numbers, precision and recall, or arc inlier ratio, per frame gap.
+
+    Precision and recall need the true elevations of a simulation; without them, true poses give the arc inlier ratio.
+    Recall counts over the frame pairs that are listed, with or without matches.
+
+    Args:
+        keypoints: one set a frame.
+        matches: any frame pairs, frame_a before frame_b.
+        sequence: sonar and true poses.
+        read_truth: returns the truth of a frame; None for a recording.
+        gaps: frame gaps to report; those that do not occur have no rows.
+
+    Returns:
+        Rows with keys such as ``match_precision_gap_1``; none where the sequence has no true poses.
+
+    Raises:
+        AsfmError: the truth of a frame cannot be read.
+    """
+    if sequence.groundtruth is None:
+        return ()
+    reported = set(gaps)
+    chosen = [pair for pair in matches if pair.frame_b - pair.frame_a in reported]
+    world_from_sonar = interpolate_groundtruth(sequence) @ sequence.vehicle_from_sonar
+    rows: list[EvaluationRow] = []
+    if read_truth is None:
+        for gap, inlier in evaluate_by_arcs(keypoints, chosen, world_from_sonar, sequence.sonar).items():
+            ratio = float(inlier.mean()) if len(inlier) else None
+            rows += _list_rows(gap, len(inlier), (("arc_inlier_ratio", "arc inlier ratio", ratio),))
+        return tuple(rows)
+    for gap, quality in evaluate_by_truth(keypoints, chosen, world_from_sonar, read_truth).items():
+        measures = (("precision", "precision", quality.precision), ("recall", "recall", quality.recall))
+        rows += _list_rows(gap, quality.matches, measures)
+    return tuple(rows)
+
+
+def _list_rows(gap: int, count: int, measures: abc.Iterable[tuple[str, str, float | None]]) -> list[EvaluationRow]:
+    """Return the rows of one frame gap; a measure without a value has none."""
+    where = f"frame gap {gap}"
+    rows = [EvaluationRow(f"match_count_gap_{gap}", f"matches, {where}", float(count), "matches")]
+    for key, name, value in measures:
+        if value is not None:
+            rows.append(EvaluationRow(f"match_{key}_gap_{gap}", f"match {name}, {where}", value, ""))
+    return rows
+
+
+def _frame_a(matches: Matches) -> int:
+    return matches.frame_a
+
+
+def _within(range_error_m: FloatArray, bearing_error_rad: FloatArray, tolerance: Tolerance) -> BoolArray:
+    in_range = np.abs(range_error_m) <= tolerance.range_m
+    return np.asarray(in_range & (np.abs(bearing_error_rad) <= tolerance.bearing_rad))

@@ -1,6 +1,6 @@
-"""The table of a run's quality: every error of the estimate with the odometry's own beside it and their ratio."""
+"""Pose errors of a run as a table: ATE, RPE and hand-tracked points, beside those of the odometry."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,23 +23,28 @@ from asfm.types import Trajectory
 
 SE3_ALIGNED = "SE(3)-aligned, scale off"
 FIRST_POSE_ALIGNED = "first pose aligned, scale off"
-SEGMENT_OF_PATH = 0.1
-"""Part of the path over which the longer relative errors are taken."""
-
-Measure = tuple[str, float, str]
-"""Name, value, unit."""
+ATE_RMSE = "ate_rmse_m_se3"
+"""Key of the absolute trajectory error, RMSE after SE(3) alignment."""
+ATE_OVER_PATH = "ate_over_path_percent_se3"
+"""Key of that error over the length of the reference path."""
+SEGMENT_FRACTION = 0.1
+"""Fraction of the path over which the longer relative errors are taken."""
+MIN_ODOMETRY_ERROR = 1e-12
+"""No ratio is formed with a smaller error of the odometry."""
 
 
 @dataclass(frozen=True)
 class EvaluationRow:
     """One measure of quality."""
 
+    key: str
+    """Stable name for programs: measure_unit_alignment, as in ``ate_rmse_m_se3``; ratios have no unit."""
     name: str
-    """Says the alignment and that the scale is off, wherever a pose error depends on them."""
+    """Name for readers; states the alignment and that the scale is off, wherever a pose error depends on them."""
     value: float
     unit: str
     odometry: float | None = None
-    """The same measure of the odometry alone; None where there is none."""
+    """The same measure of the odometry alone; None without odometry."""
     ratio: float | None = None
     """value / odometry: below one where the run improves on its odometry; None where they cannot be compared."""
 
@@ -50,27 +55,31 @@ class EvaluationTable:
 
     rows: tuple[EvaluationRow, ...]
     notes: tuple[str, ...] = ()
-    """What limits the comparison, one clear sentence each."""
+    """Limits of the comparison, one sentence each."""
 
     def as_dict(self) -> dict[str, object]:
-        """Turn the table into what JSON holds; every number is finite."""
+        """Return the content of evaluation.json; every number is finite."""
         return {"rows": [vars(row).copy() for row in self.rows], "notes": list(self.notes)}
 
-    def row(self, name: str) -> EvaluationRow:
-        """Find a row by its name; raises KeyError where there is none."""
+    def row(self, key: str) -> EvaluationRow:
+        """Return the row with a key.
+
+        Raises:
+            KeyError: no row has that key.
+        """
         for row in self.rows:
-            if row.name == name:
+            if row.key == key:
                 return row
-        raise KeyError(name)
+        raise KeyError(key)
 
 
 def evaluate_sequence(sequence: Sequence, estimate: Trajectory, reference: Trajectory | None = None) -> EvaluationTable:
-    """Evaluate an estimate by all that its sequence knows: true poses and hand-tracked points.
+    """Evaluate an estimate against the true poses and the hand-tracked points of its sequence.
 
     Args:
-        sequence: gives odometry, hand-tracked points and, unless a reference is given, the true poses.
+        sequence: odometry, hand-tracked points and, without a reference, the true poses.
         estimate: world_from_vehicle.
-        reference: stands in for the sequence's true poses.
+        reference: true world_from_vehicle in place of the sequence's own.
 
     Raises:
         AsfmError: there is nothing to compare with, or no common time.
@@ -79,7 +88,7 @@ def evaluate_sequence(sequence: Sequence, estimate: Trajectory, reference: Traje
     points = _compare_hand_tracks(sequence, estimate, truth)
     if truth is None and not points:
         raise AsfmError(
-            f"{sequence.name}: expected true poses or hand-tracked points that the estimate sees three times, "
+            f"{sequence.name}: expected true poses or hand-tracked points observed three times or more, "
             "found neither: give a reference trajectory"
         )
     if truth is None:
@@ -89,7 +98,7 @@ def evaluate_sequence(sequence: Sequence, estimate: Trajectory, reference: Traje
 
 
 def evaluate_trajectory(groundtruth: Trajectory, odometry: Trajectory | None, estimate: Trajectory) -> EvaluationTable:
-    """Measure an estimate, and the odometry at the same stamps, against the true poses.
+    """Evaluate an estimate, and the odometry at the same stamps, against the true poses.
 
     Raises:
         AsfmError: fewer than two poses of the estimate lie within the time of the true poses.
@@ -99,21 +108,20 @@ def evaluate_trajectory(groundtruth: Trajectory, odometry: Trajectory | None, es
     if len(pairs) < len(estimate.timestamps_s):
         notes.append(f"{len(pairs)} of {len(estimate.timestamps_s)} poses lie within the reference's time.")
     odometry_pairs = _pair_odometry(pairs, odometry)
-    if odometry is not None and (odometry_pairs is None or len(odometry_pairs) < len(pairs)):
+    comparable = odometry_pairs is not None and len(odometry_pairs) == len(pairs)
+    if odometry is not None and not comparable:
         covered = 0 if odometry_pairs is None else len(odometry_pairs)
         notes.append(f"The odometry covers {covered} of the {len(pairs)} poses compared: no ratios are given.")
-    beside = {} if odometry_pairs is None else {name: value for name, value, _ in _measure(odometry_pairs)}
-    comparable = odometry_pairs is not None and len(odometry_pairs) == len(pairs)
+    odometry_rows = [] if odometry_pairs is None else _measure(odometry_pairs)
     rows = [
-        EvaluationRow("poses compared", float(len(pairs)), "poses"),
-        EvaluationRow("path length of the reference", path_length_m(pairs.reference), "m"),
+        EvaluationRow("poses_compared", "poses compared", float(len(pairs)), "poses"),
+        EvaluationRow("reference_path_m", "path length of the reference", path_length_m(pairs.reference), "m"),
     ]
-    rows += [_row(measure, beside.get(measure[0]), comparable) for measure in _measure(pairs)]
-    return EvaluationTable(tuple(rows), tuple(notes))
+    return EvaluationTable((*rows, *_set_beside(_measure(pairs), odometry_rows, comparable)), tuple(notes))
 
 
 def _pair_odometry(pairs: PosePairs, odometry: Trajectory | None) -> PosePairs | None:
-    """Pair the odometry with the reference at the stamps of the estimate that both cover; None where they are few."""
+    """Pair odometry and reference at those stamps of the estimate that both cover; None with fewer than two."""
     if odometry is None:
         return None
     try:
@@ -123,58 +131,79 @@ def _pair_odometry(pairs: PosePairs, odometry: Trajectory | None) -> PosePairs |
     return PosePairs(at_stamps.timestamps_s, estimate=at_stamps.reference, reference=at_stamps.estimate)
 
 
-def _measure(pairs: PosePairs) -> list[Measure]:
+def _measure(pairs: PosePairs) -> list[EvaluationRow]:
+    return [
+        *_absolute_errors(pairs, "se3", SE3_ALIGNED),
+        *_absolute_errors(pairs, "first_pose", FIRST_POSE_ALIGNED),
+        *_relative_errors(pairs),
+    ]
+
+
+def _absolute_errors(pairs: PosePairs, suffix: str, alignment: str) -> list[EvaluationRow]:
+    align = align_se3 if suffix == "se3" else align_first_pose
+    aligned = align(pairs.estimate, pairs.reference) @ pairs.estimate
+    translation_m, rotation_rad = absolute_errors(aligned, pairs.reference)
+    statistics = summarise(translation_m)
+    rows = [
+        EvaluationRow(f"ate_rmse_m_{suffix}", f"ATE RMSE, {alignment}", statistics.rmse, "m"),
+        EvaluationRow(f"ate_mean_m_{suffix}", f"ATE mean, {alignment}", statistics.mean, "m"),
+        EvaluationRow(f"ate_median_m_{suffix}", f"ATE median, {alignment}", statistics.median, "m"),
+        EvaluationRow(f"ate_max_m_{suffix}", f"ATE max, {alignment}", statistics.max, "m"),
+    ]
     path_m = path_length_m(pairs.reference)
-    measures: list[Measure] = []
-    for alignment, align in ((SE3_ALIGNED, align_se3), (FIRST_POSE_ALIGNED, align_first_pose)):
-        aligned = align(pairs.estimate, pairs.reference) @ pairs.estimate
-        translation_m, rotation_rad = absolute_errors(aligned, pairs.reference)
-        statistics = summarise(translation_m)
-        measures += [
-            (f"ATE RMSE, {alignment}", statistics.rmse, "m"),
-            (f"ATE mean, {alignment}", statistics.mean, "m"),
-            (f"ATE median, {alignment}", statistics.median, "m"),
-            (f"ATE max, {alignment}", statistics.max, "m"),
-        ]
-        if path_m > 0:
-            measures.append((f"ATE RMSE / path length, {alignment}", 100 * statistics.rmse / path_m, "%"))
-        rotation_deg = float(np.degrees(summarise(rotation_rad).rmse))
-        measures.append((f"rotation RMSE, {alignment}", rotation_deg, "deg"))
-    segments = {
-        "one frame": pairs_by_step(len(pairs)),
-        f"{100 * SEGMENT_OF_PATH:.0f} % of the path": pairs_by_distance(pairs.reference, SEGMENT_OF_PATH * path_m),
-    }
-    for segment, (first, last) in segments.items():
+    if path_m > 0:
+        key, name = f"ate_over_path_percent_{suffix}", f"ATE RMSE / path length, {alignment}"
+        rows.append(EvaluationRow(key, name, 100 * statistics.rmse / path_m, "%"))
+    rotation_deg = float(np.degrees(summarise(rotation_rad).rmse))
+    return [*rows, EvaluationRow(f"rotation_rmse_deg_{suffix}", f"rotation RMSE, {alignment}", rotation_deg, "deg")]
+
+
+def _relative_errors(pairs: PosePairs) -> list[EvaluationRow]:
+    """Measure the relative pose errors over one frame, and over a fraction of the path."""
+    segment_m = SEGMENT_FRACTION * path_length_m(pairs.reference)
+    segments = (
+        ("frame", "one frame", pairs_by_step(len(pairs))),
+        ("segment", f"{100 * SEGMENT_FRACTION:.0f} % of the path", pairs_by_distance(pairs.reference, segment_m)),
+    )
+    rows = []
+    for suffix, segment, (first, last) in segments:
         if len(first):
             translation_m, rotation_rad = relative_errors(pairs.estimate, pairs.reference, first, last)
-            rotation_deg = float(np.degrees(summarise(rotation_rad).rmse))
-            measures.append((f"RPE translation RMSE over {segment}, scale off", summarise(translation_m).rmse, "m"))
-            measures.append((f"RPE rotation RMSE over {segment}, scale off", rotation_deg, "deg"))
-    return measures
-
-
-def _compare_hand_tracks(sequence: Sequence, estimate: Trajectory, truth: Trajectory | None) -> list[EvaluationRow]:
-    measures = _measure_hand_tracks(sequence, estimate)
-    beside = {name: value for name, value, _ in _measure_hand_tracks(sequence, sequence.odometry)}
-    rows = [_row(measure, beside.get(measure[0]), comparable=True) for measure in measures]
-    for name, value, unit in _measure_hand_tracks(sequence, truth) if rows else []:
-        rows.append(EvaluationRow(f"{name} with the true poses", value, unit))
+            translation = f"rpe_translation_rmse_m_{suffix}", f"RPE translation RMSE over {segment}, scale off"
+            rotation = f"rpe_rotation_rmse_deg_{suffix}", f"RPE rotation RMSE over {segment}, scale off"
+            rows.append(EvaluationRow(*translation, summarise(translation_m).rmse, "m"))
+            rows.append(EvaluationRow(*rotation, float(np.degrees(summarise(rotation_rad).rmse)), "deg"))
     return rows
 
 
-def _measure_hand_tracks(sequence: Sequence, trajectory: Trajectory | None) -> list[Measure]:
+def _compare_hand_tracks(sequence: Sequence, estimate: Trajectory, truth: Trajectory | None) -> list[EvaluationRow]:
+    rows = _set_beside(
+        _measure_hand_tracks(sequence, estimate), _measure_hand_tracks(sequence, sequence.odometry), comparable=True
+    )
+    for row in _measure_hand_tracks(sequence, truth) if rows else []:
+        rows.append(replace(row, key=f"{row.key}_true_poses", name=f"{row.name} with the true poses"))
+    return rows
+
+
+def _measure_hand_tracks(sequence: Sequence, trajectory: Trajectory | None) -> list[EvaluationRow]:
     if sequence.hand_tracks is None or trajectory is None:
         return []
     found = measure_hand_tracks(sequence.hand_tracks, trajectory, sequence.sonar, sequence.vehicle_from_sonar)
     if found is None:
         return []
+    bearing_deg = float(np.degrees(found.bearing_rmse_rad))
     return [
-        ("range RMSE of hand-tracked points", found.range_rmse_m, "m"),
-        ("bearing RMSE of hand-tracked points", float(np.degrees(found.bearing_rmse_rad)), "deg"),
+        EvaluationRow("hand_track_range_rmse_m", "range RMSE of hand-tracked points", found.range_rmse_m, "m"),
+        EvaluationRow("hand_track_bearing_rmse_deg", "bearing RMSE of hand-tracked points", bearing_deg, "deg"),
     ]
 
 
-def _row(measure: Measure, odometry: float | None, comparable: bool) -> EvaluationRow:
-    name, value, unit = measure
-    ratio = value / odometry if comparable and odometry is not None and odometry > 1e-12 else None
-    return EvaluationRow(name, value, unit, odometry, ratio)
+def _set_beside(rows: list[EvaluationRow], odometry: list[EvaluationRow], comparable: bool) -> list[EvaluationRow]:
+    """Add the odometry's value of the same measure to each row, and their ratio where they are comparable."""
+    values = {row.key: row.value for row in odometry}
+    completed = []
+    for row in rows:
+        value = values.get(row.key)
+        ratio = row.value / value if comparable and value is not None and value > MIN_ODOMETRY_ERROR else None
+        completed.append(replace(row, odometry=value, ratio=ratio))
+    return completed

@@ -1,6 +1,6 @@
-"""Errors of a trajectory against a reference: association in time, alignment, absolute and relative errors.
+"""Trajectory errors: association in time, rigid alignment, absolute (ATE) and relative (RPE) pose errors.
 
-The scale is never estimated: a sonar measures ranges, so a wrong scale is an error and shows as one.
+The scale is never estimated: a sonar measures ranges, so a wrong scale is an error.
 """
 
 from dataclasses import dataclass
@@ -10,19 +10,21 @@ from scipy.spatial.transform import Rotation
 
 from asfm.errors import AsfmError
 from asfm.geometry.poses import interpolate, invert, make_pose
-from asfm.types import FloatArray, IntArray, Trajectory
+from asfm.sequence import Sequence
+from asfm.types import BoolArray, FloatArray, IntArray, Trajectory
 
 STAMP_TOLERANCE_S = 1e-3
-"""Stamps in text are rounded: a pose this little outside the reference's time takes its nearest end."""
-STATIC_PATH_M = 1e-6
-"""Positions spread less than this say nothing of the rotation."""
-STRAIGHT_PATH = 1e-9
-"""Second to first singular value of the positions' covariance below which a path is a straight line."""
+"""Stamps in text files are rounded: a pose this little outside the reference's time takes the reference's nearest end.
+"""
+MIN_EXTENT_M = 1e-6
+"""Positions with a smaller extent do not determine the rotation."""
+MAX_STRAIGHT_RATIO = 1e-9
+"""Second to first singular value of the positions' covariance up to which a path counts as a straight line."""
 
 
 @dataclass(frozen=True)
 class PosePairs:
-    """Poses of an estimate with the reference's poses at the same stamps, each in its own world."""
+    """Poses of an estimate and of a reference at the same stamps, each in its own world."""
 
     timestamps_s: FloatArray
     """(N,), N >= 2."""
@@ -37,7 +39,7 @@ class PosePairs:
 
 @dataclass(frozen=True)
 class Statistics:
-    """What is told of a set of errors, in their unit."""
+    """Summary statistics of a set of errors, in their unit."""
 
     rmse: float
     mean: float
@@ -48,13 +50,17 @@ class Statistics:
 def associate(estimate: Trajectory, reference: Trajectory) -> PosePairs:
     """Pair each pose of the estimate inside the reference's time with the reference interpolated (SLERP) there.
 
+    Args:
+        estimate: world_from_vehicle.
+        reference: world_from_vehicle, in any world.
+
     Raises:
         AsfmError: fewer than two poses of the estimate lie inside, or a pose is not finite.
     """
     for name, trajectory in (("estimate", estimate), ("reference", reference)):
         for row in np.flatnonzero(~np.isfinite(trajectory.world_from_vehicle).all(axis=(1, 2)))[:1]:
             raise AsfmError(f"{name}, pose {row}: expected finite numbers, found nan or inf: remove that pose")
-    inside = _inside(estimate.timestamps_s, reference.timestamps_s)
+    inside = within_time(estimate.timestamps_s, reference.timestamps_s)
     if inside.sum() < 2:
         raise AsfmError(
             f"expected two or more poses of the estimate within the reference's time, found {inside.sum()}: "
@@ -66,11 +72,31 @@ def associate(estimate: Trajectory, reference: Trajectory) -> PosePairs:
     return PosePairs(at_s, estimate.world_from_vehicle[inside], at_reference)
 
 
-def align_se3(estimate: FloatArray, reference: FloatArray) -> FloatArray:
-    """Find the rigid transform that brings the estimated positions closest to the reference's, scale fixed at one.
+def within_time(at_s: FloatArray, timestamps_s: FloatArray) -> BoolArray:
+    """Return which of (M,) stamps lie between the first and the last of (N,) rising ones, up to rounding."""
+    if len(timestamps_s) == 0:
+        return np.zeros(len(at_s), dtype=bool)
+    after_start = at_s >= timestamps_s[0] - STAMP_TOLERANCE_S
+    return np.asarray(after_start & (at_s <= timestamps_s[-1] + STAMP_TOLERANCE_S))
 
-    Kabsch 1976, Umeyama 1991 without scale. Where the positions leave a rotation open (a straight or a static path,
-    two poses), the orientations settle it.
+
+def interpolate_groundtruth(sequence: Sequence) -> FloatArray:
+    """Interpolate the true world_from_vehicle (N, 4, 4) at the stamps of the frames.
+
+    Raises:
+        AsfmError: the sequence has no true poses.
+    """
+    truth = sequence.groundtruth
+    if truth is None:
+        raise AsfmError(f"{sequence.name}: expected true poses, found none")
+    return interpolate(truth.timestamps_s, truth.world_from_vehicle, sequence.timestamps_s)
+
+
+def align_se3(estimate: FloatArray, reference: FloatArray) -> FloatArray:
+    """Align positions by the least-squares rigid transform, scale fixed at one.
+
+    Kabsch 1976, Umeyama 1991 without scale. Where the positions do not determine the rotation (a straight or a static
+    path, two poses), the orientations do.
 
     Args:
         estimate: (N, 4, 4), N >= 1.
@@ -81,10 +107,10 @@ def align_se3(estimate: FloatArray, reference: FloatArray) -> FloatArray:
     """
     estimate_mean, reference_mean = estimate[:, :3, 3].mean(axis=0), reference[:, :3, 3].mean(axis=0)
     estimate_m, reference_m = estimate[:, :3, 3] - estimate_mean, reference[:, :3, 3] - reference_mean
-    left, spread, right = np.linalg.svd(reference_m.T @ estimate_m / len(estimate))
-    if min(np.abs(estimate_m).max(), np.abs(reference_m).max()) < STATIC_PATH_M:
+    left, singular_values, right = np.linalg.svd(reference_m.T @ estimate_m / len(estimate))
+    if min(np.abs(estimate_m).max(), np.abs(reference_m).max()) < MIN_EXTENT_M:
         rotation = _align_orientations(estimate, reference, None)
-    elif spread[1] <= STRAIGHT_PATH * spread[0]:
+    elif singular_values[1] <= MAX_STRAIGHT_RATIO * singular_values[0]:
         rotation = _align_orientations(estimate, reference, (right[0], left[:, 0]))
     else:
         handedness = np.sign(np.linalg.det(left) * np.linalg.det(right))
@@ -93,12 +119,12 @@ def align_se3(estimate: FloatArray, reference: FloatArray) -> FloatArray:
 
 
 def align_first_pose(estimate: FloatArray, reference: FloatArray) -> FloatArray:
-    """Find the rigid transform that lays the first pose of (N, 4, 4) on the reference's first: (4, 4)."""
+    """Return the (4, 4) transform that maps the first pose of (N, 4, 4) to the reference's first."""
     return np.asarray(reference[0] @ invert(estimate[0]))
 
 
 def absolute_errors(estimate: FloatArray, reference: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Compare (N, 4, 4) poses of one world one by one: translation_m (N,) and rotation_rad (N,)."""
+    """Compute the errors of (N, 4, 4) poses in one world: translation_m (N,) and rotation_rad (N,)."""
     translation_m = np.linalg.norm(estimate[:, :3, 3] - reference[:, :3, 3], axis=1)
     return translation_m, _rotation_angle(invert(reference) @ estimate)
 
@@ -106,9 +132,16 @@ def absolute_errors(estimate: FloatArray, reference: FloatArray) -> tuple[FloatA
 def relative_errors(
     estimate: FloatArray, reference: FloatArray, first: IntArray, last: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Compare the motion from pose first[i] to pose last[i]: translation_m (P,) and rotation_rad (P,).
+    """Compute the relative pose errors (Sturm et al. 2012), which need no alignment.
 
-    The relative pose error of Sturm et al. 2012; the worlds of the two need no alignment.
+    Args:
+        estimate: (N, 4, 4)
+        reference: (N, 4, 4)
+        first: (P,) pose at which each motion begins.
+        last: (P,) pose at which it ends.
+
+    Returns:
+        Translation errors in m (P,) and rotation errors in rad (P,).
     """
     estimated_motion = invert(estimate[first]) @ estimate[last]
     true_motion = invert(reference[first]) @ reference[last]
@@ -117,16 +150,16 @@ def relative_errors(
 
 
 def pairs_by_step(count: int, step: int = 1) -> tuple[IntArray, IntArray]:
-    """Pair every pose with the one a number of steps later: first (P,), last (P,)."""
+    """Pair every pose with the pose a number of steps later: first (P,), last (P,)."""
     first = np.arange(max(count - step, 0))
     return first, first + step
 
 
 def pairs_by_distance(reference: FloatArray, distance_m: float) -> tuple[IntArray, IntArray]:
-    """Pair every pose of (N, 4, 4) with the first one that lies at least a distance further along the path.
+    """Pair every pose of (N, 4, 4) with the first pose at least a distance further along the path.
 
     Returns:
-        first (P,), last (P,); empty where the whole path is shorter or the distance is not positive.
+        First (P,) and last (P,); empty where the whole path is shorter or the distance is not positive.
     """
     along_m = np.concatenate([[0.0], np.cumsum(_steps_m(reference))])
     last = np.searchsorted(along_m, along_m + distance_m * (1 - 1e-9))
@@ -135,25 +168,18 @@ def pairs_by_distance(reference: FloatArray, distance_m: float) -> tuple[IntArra
 
 
 def path_length_m(world_from_vehicle: FloatArray) -> float:
-    """Sum the distances between successive (N, 4, 4) poses."""
+    """Return the length of the path through (N, 4, 4) poses."""
     return float(_steps_m(world_from_vehicle).sum())
 
 
 def summarise(errors: FloatArray) -> Statistics:
-    """Give the statistics of (N,) errors, N >= 1."""
+    """Compute the statistics of (N,) errors, N >= 1."""
     return Statistics(
         rmse=float(np.sqrt(np.mean(np.square(errors)))),
         mean=float(np.mean(errors)),
         median=float(np.median(errors)),
         max=float(np.max(errors)),
     )
-
-
-def _inside(at_s: FloatArray, timestamps_s: FloatArray) -> "np.ndarray[tuple[int], np.dtype[np.bool_]]":
-    if len(timestamps_s) == 0:
-        return np.zeros(len(at_s), dtype=bool)
-    after_start = at_s >= timestamps_s[0] - STAMP_TOLERANCE_S
-    return np.asarray(after_start & (at_s <= timestamps_s[-1] + STAMP_TOLERANCE_S))
 
 
 def _span(timestamps_s: FloatArray) -> str:
@@ -173,7 +199,7 @@ def _rotation_angle(pose: FloatArray) -> FloatArray:
 def _align_orientations(
     estimate: FloatArray, reference: FloatArray, line: tuple[FloatArray, FloatArray] | None
 ) -> FloatArray:
-    """Rotate the mean orientation onto the reference's; a line, given as (estimated, true) direction, comes first."""
+    """Align the mean orientation; a line, given as (estimated, true) direction, has infinite weight."""
     targets = np.swapaxes(reference[:, :3, :3], 1, 2).reshape(-1, 3)
     sources = np.swapaxes(estimate[:, :3, :3], 1, 2).reshape(-1, 3)
     weights = np.ones(len(targets))

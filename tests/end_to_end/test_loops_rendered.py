@@ -8,7 +8,7 @@ import numpy as np
 from asfm.backend.estimation.solution import Solution, solve_tracks
 from asfm.backend.initialisation.initial_poses import InitialPoses
 from asfm.config import BackendConfig, Config, LoopsConfig
-from asfm.evaluation.matching import look_up_elevation
+from asfm.evaluation.true_positions import look_up_elevation
 from asfm.frontend.tracking.association import associate
 from asfm.geometry.poses import invert, transform
 from asfm.geometry.sonar import back_project, project

@@ -1,7 +1,8 @@
-"""The table of a run's quality: what stands in it, beside what, and that JSON can hold it."""
+"""Table of pose errors: its values, the odometry's beside them, its keys, and JSON."""
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,19 +12,24 @@ from scipy.spatial.transform import Rotation
 
 from asfm.datasets import open_sequence
 from asfm.errors import AsfmError
-from asfm.evaluation.pose_error_table import EvaluationTable, evaluate_sequence, evaluate_trajectory
+from asfm.evaluation.pose_error_table import (
+    ATE_OVER_PATH,
+    ATE_RMSE,
+    EvaluationTable,
+    evaluate_sequence,
+    evaluate_trajectory,
+)
 from asfm.geometry.poses import make_pose
 from asfm.geometry.sonar import SonarModel
 from asfm.sequence import Sequence
 from asfm.types import Frame, HandTracks, Trajectory
 
-ATE = "ATE RMSE, SE(3)-aligned, scale off"
-FIRST_POSE_ATE = "ATE RMSE, first pose aligned, scale off"
-STEP_RPE = "RPE translation RMSE over one frame, scale off"
+FIRST_POSE_ATE = "ate_rmse_m_first_pose"
+FRAME_RPE = "rpe_translation_rmse_m_frame"
 
 
 def walk(seed: int = 0, count: int = 30, sigma_m: float = 0.0) -> Trajectory:
-    """A fixed path, with noise of its own seed on every pose: a tenth of a radian to the metre."""
+    """Make a fixed path with noise on every pose, 0.1 rad of rotation for each metre of translation."""
     path = np.random.default_rng(99)
     positions_m = np.cumsum(path.normal(scale=0.2, size=(count, 3)), axis=0)
     rotations = Rotation.random(count, path)
@@ -33,7 +39,7 @@ def walk(seed: int = 0, count: int = 30, sigma_m: float = 0.0) -> Trajectory:
 
 
 def no_image(index: int) -> Frame:
-    raise AssertionError(f"the table needs no image, frame {index} was asked for")
+    raise AssertionError(f"the table needs no image, frame {index} was requested")
 
 
 def sequence_with(
@@ -52,8 +58,10 @@ def sequence_with(
 
 def assert_json_holds(table: EvaluationTable) -> None:
     back = json.loads(json.dumps(table.as_dict(), allow_nan=False))
-    assert [row["name"] for row in back["rows"]] == [row.name for row in table.rows]
-    assert len({row.name for row in table.rows}) == len(table.rows)
+    assert [(row["key"], row["name"]) for row in back["rows"]] == [(row.key, row.name) for row in table.rows]
+    assert len({row.name for row in table.rows}) == len({row.key for row in table.rows}) == len(table.rows)
+    assert all(re.fullmatch("[a-z][a-z0-9_]*", row.key) for row in table.rows)
+    assert all(table.row(row.key) is row for row in table.rows)
     assert all(math.isfinite(row["value"]) for row in back["rows"])
 
 
@@ -65,7 +73,7 @@ def test_ratio_is_the_estimate_over_the_odometry() -> None:
         assert row.odometry is not None
         assert row.ratio is not None
         assert row.ratio == pytest.approx(row.value / row.odometry)
-    ratio = table.row(ATE).ratio
+    ratio = table.row(ATE_RMSE).ratio
     assert ratio is not None
     assert 0.15 < ratio < 0.4
 
@@ -73,23 +81,36 @@ def test_ratio_is_the_estimate_over_the_odometry() -> None:
 def test_every_pose_error_says_alignment_and_scale() -> None:
     table = evaluate_trajectory(walk(), walk(1, sigma_m=0.4), walk(2, sigma_m=0.1))
     for row in table.rows:
-        if "ATE" in row.name or "rotation RMSE," in row.name:
-            assert "SE(3)-aligned, scale off" in row.name or "first pose aligned, scale off" in row.name
-        if "RPE" in row.name:
+        if row.key.startswith(("ate_", "rotation_")):
+            alignments = {"_se3": "SE(3)-aligned, scale off", "_first_pose": "first pose aligned, scale off"}
+            assert [name for suffix, name in alignments.items() if row.key.endswith(suffix) and name in row.name]
+        if row.key.startswith("rpe_"):
             assert "scale off" in row.name
+        assert {"m": "_m", "deg": "_deg", "%": "_percent", "poses": "poses_"}[row.unit] in row.key
 
 
-def test_numbers_are_the_noise_that_was_put_in() -> None:
+def test_keys_are_stable() -> None:
+    """Programs read these from evaluation.json."""
+    table = evaluate_trajectory(walk(), None, walk(2, sigma_m=0.1))
+    absolute = ["ate_rmse_m", "ate_mean_m", "ate_median_m", "ate_max_m", "ate_over_path_percent", "rotation_rmse_deg"]
+    expected = ["poses_compared", "reference_path_m", *(f"{key}_se3" for key in absolute)]
+    expected += [f"{key}_first_pose" for key in absolute]
+    expected += ["rpe_translation_rmse_m_frame", "rpe_rotation_rmse_deg_frame"]
+    expected += ["rpe_translation_rmse_m_segment", "rpe_rotation_rmse_deg_segment"]
+    assert [row.key for row in table.rows] == expected
+
+
+def test_errors_are_the_noise_added() -> None:
     table = evaluate_trajectory(walk(count=500), None, walk(2, count=500, sigma_m=0.1))
-    assert table.row(ATE).value == pytest.approx(0.1 * math.sqrt(3), rel=0.1)
-    assert table.row(STEP_RPE).value == pytest.approx(0.1 * math.sqrt(6), rel=0.1)
-    path_m = table.row("path length of the reference").value
-    percent = table.row("ATE RMSE / path length, SE(3)-aligned, scale off").value
-    assert percent == pytest.approx(100 * table.row(ATE).value / path_m)
-    assert table.row("poses compared").value == 500
+    assert table.row(ATE_RMSE).value == pytest.approx(0.1 * math.sqrt(3), rel=0.1)
+    assert table.row(FRAME_RPE).value == pytest.approx(0.1 * math.sqrt(6), rel=0.1)
+    path_m = table.row("reference_path_m").value
+    percent = table.row(ATE_OVER_PATH).value
+    assert percent == pytest.approx(100 * table.row(ATE_RMSE).value / path_m)
+    assert table.row("poses_compared").value == 500
 
 
-def test_without_odometry_there_is_no_column_for_it() -> None:
+def test_without_odometry_its_values_are_none() -> None:
     table = evaluate_trajectory(walk(), None, walk(2, sigma_m=0.1))
     assert all(row.odometry is None and row.ratio is None for row in table.rows)
 
@@ -97,41 +118,41 @@ def test_without_odometry_there_is_no_column_for_it() -> None:
 def test_exact_odometry_gives_no_ratio() -> None:
     table = evaluate_trajectory(walk(), walk(), walk(2, sigma_m=0.1))
     assert_json_holds(table)
-    assert table.row(ATE).ratio is None
+    assert table.row(ATE_RMSE).ratio is None
 
 
-def test_odometry_is_taken_at_the_stamps_of_the_estimate() -> None:
+def test_odometry_is_evaluated_at_the_stamps_of_the_estimate() -> None:
     truth = walk(count=30)
     half = Trajectory(truth.timestamps_s[::2], truth.world_from_vehicle[::2])
     table = evaluate_trajectory(truth, walk(1, sigma_m=0.4), half)
     noisy = walk(1, sigma_m=0.4)
     expected = evaluate_trajectory(truth, None, Trajectory(noisy.timestamps_s[::2], noisy.world_from_vehicle[::2]))
-    assert table.row(ATE).odometry == pytest.approx(expected.row(ATE).value)
+    assert table.row(ATE_RMSE).odometry == pytest.approx(expected.row(ATE_RMSE).value)
 
 
-def test_odometry_that_covers_a_part_gives_no_ratio_and_a_note() -> None:
+def test_partial_odometry_gives_no_ratio_and_a_note() -> None:
     odometry = walk(1, sigma_m=0.4)
     part = Trajectory(odometry.timestamps_s[:10], odometry.world_from_vehicle[:10])
     table = evaluate_trajectory(walk(), part, walk(2, sigma_m=0.1))
-    assert table.row(ATE).odometry is not None
-    assert table.row(ATE).ratio is None
+    assert table.row(ATE_RMSE).odometry is not None
+    assert table.row(ATE_RMSE).ratio is None
     assert "10 of the 30" in table.notes[0]
     elsewhere = Trajectory(odometry.timestamps_s + 1e3, odometry.world_from_vehicle)
     table = evaluate_trajectory(walk(), elsewhere, walk(2, sigma_m=0.1))
-    assert table.row(ATE).odometry is None
+    assert table.row(ATE_RMSE).odometry is None
     assert "0 of the 30" in table.notes[0]
 
 
-def test_reference_that_covers_a_part_gives_a_note() -> None:
+def test_partial_reference_gives_a_note() -> None:
     truth = walk()
     part = Trajectory(truth.timestamps_s[5:15], truth.world_from_vehicle[5:15])
     table = evaluate_trajectory(part, None, walk(2, sigma_m=0.1))
-    assert table.row("poses compared").value == 10
+    assert table.row("poses_compared").value == 10
     assert "10 of 30" in table.notes[0]
 
 
 @pytest.mark.parametrize("count", [2, 5])
-def test_a_vehicle_at_rest_has_finite_errors(count: int) -> None:
+def test_a_static_vehicle_has_finite_errors(count: int) -> None:
     rest = Trajectory(np.arange(float(count)), np.tile(np.eye(4), (count, 1, 1)))
     moving = Trajectory(rest.timestamps_s, walk(count=count).world_from_vehicle)
     for estimate in (rest, moving):
@@ -140,15 +161,15 @@ def test_a_vehicle_at_rest_has_finite_errors(count: int) -> None:
         assert not any("%" in row.unit for row in table.rows)
 
 
-def test_table_without_that_row_says_so() -> None:
+def test_an_unknown_key_is_an_error() -> None:
     with pytest.raises(KeyError, match="no such"):
         evaluate_trajectory(walk(), None, walk()).row("no such")
 
 
 def test_reference_replaces_the_true_poses() -> None:
     sequence = sequence_with(None, walk(3, sigma_m=1.0))
-    assert evaluate_sequence(sequence, walk(), walk()).row(ATE).value < 1e-9
-    assert evaluate_sequence(sequence, walk()).row(ATE).value > 0.5
+    assert evaluate_sequence(sequence, walk(), walk()).row(ATE_RMSE).value < 1e-9
+    assert evaluate_sequence(sequence, walk()).row(ATE_RMSE).value > 0.5
 
 
 def test_nothing_to_compare_with_is_an_error() -> None:
@@ -156,22 +177,22 @@ def test_nothing_to_compare_with_is_an_error() -> None:
         evaluate_sequence(sequence_with(None, None), walk())
 
 
-def test_tank_is_measured_by_its_spheres_too(shared_data: Path) -> None:
+def test_hand_tracked_points_of_the_tank_are_in_the_table(shared_data: Path) -> None:
     sequence = open_sequence(shared_data / "oculus_tank_a")
     assert sequence.groundtruth is not None
     table = evaluate_sequence(sequence, sequence.groundtruth)
     assert_json_holds(table)
-    name = "range RMSE of hand-tracked points"
-    assert table.row(name).value == table.row(f"{name} with the true poses").value < 0.005
+    key = "hand_track_range_rmse_m"
+    assert table.row(key).value == table.row(f"{key}_true_poses").value < 0.005
     alone = evaluate_sequence(replace(sequence, groundtruth=None), sequence.groundtruth)
     assert [row.unit for row in alone.rows] == ["m", "deg"]
     assert "No true poses" in alone.notes[0]
 
 
-def test_recorded_odometry_beside_itself(shared_data: Path) -> None:
+def test_recorded_odometry_has_ratio_one_to_itself(shared_data: Path) -> None:
     sequence = open_sequence(shared_data / "simulated_seafloor")
     assert sequence.odometry is not None
     table = evaluate_sequence(sequence, sequence.odometry)
     assert_json_holds(table)
     assert all(row.ratio == pytest.approx(1.0) for row in table.rows[2:])
-    assert table.row(FIRST_POSE_ATE).value > table.row(ATE).value
+    assert table.row(FIRST_POSE_ATE).value > table.row(ATE_RMSE).value

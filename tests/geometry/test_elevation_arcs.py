@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from asfm.evaluation.arc_consistency import fits_arc
+from asfm.evaluation.arc_consistency import Tolerance, find_arc_inliers
 from asfm.geometry.elevation_arcs import arc_box_candidates, arc_residuals, project_arcs
 from asfm.geometry.poses import make_pose, transform
 from asfm.geometry.sonar import SonarModel, back_project, project
@@ -90,7 +90,7 @@ def test_judgement_agrees_with_the_evaluation_s(seed: int) -> None:
     b_from_a, pixel_a, pixel_b = scene(rng, 50)
     pixel_b = pixel_b + rng.normal(scale=1.5, size=(50, 2)) * SIGMA
     residual = arc_residuals(SONAR, b_from_a, pixel_a, pixel_b, SIGMA)
-    fits = fits_arc(pixel_a[:, 0], pixel_a[:, 1], pixel_b[:, 0], pixel_b[:, 1], b_from_a, SONAR, SIGMA[0], SIGMA[1])
+    fits = find_arc_inliers(pixel_a, pixel_b, b_from_a, SONAR, Tolerance(SIGMA[0], SIGMA[1]))
     assert fits[residual < 0.98].all()
     assert not fits[residual > 1.02 * np.sqrt(2)].any()
 
