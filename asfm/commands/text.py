@@ -49,7 +49,7 @@ def describe_errors(table: EvaluationTable) -> list[str]:
     """Format every measure of a run next to that of the odometry, and the notes on the comparison."""
     rows = [("measure", "run", "unit", "odometry", "ratio")]
     for row in table.rows:
-        digits = 0 if row.unit == "poses" else 4
+        digits = 0 if row.unit in ("poses", "matches") else 4
         rows.append(
             (row.name, _show(row.value, digits), row.unit, _show(row.odometry, digits), _show(row.ratio, digits=2))
         )

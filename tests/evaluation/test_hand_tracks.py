@@ -1,4 +1,4 @@
-"""Hand-tracked points as a measure of a trajectory that needs no true poses."""
+"""Reprojection error of hand-tracked points under a trajectory."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +18,7 @@ LEVER = make_pose(np.array([0.4, 0.1, -0.2]), Rotation.from_euler("zyx", [5, 20,
 
 
 def sway(count: int, seed: int = 0) -> Trajectory:
-    """Six-degree motion that looks down at the origin from some metres off."""
+    """Make a motion in six degrees of freedom that looks down at the origin from some metres away."""
     rng = np.random.default_rng(seed)
     phase = np.linspace(0, 2, count)
     offset_m = np.stack([-3 + 0.3 * np.sin(phase), 0.5 * np.cos(2 * phase), 1.0 + 0.3 * np.sin(3 * phase)], axis=1)
@@ -41,7 +41,7 @@ def track(trajectory: Trajectory, points_m: FloatArray) -> HandTracks:
 POINTS = np.array([[0.0, 0.0, 0.0], [0.3, -0.4, 0.1], [-0.2, 0.5, -0.1]])
 
 
-def test_exact_observations_leave_nothing() -> None:
+def test_exact_observations_have_no_residuals() -> None:
     trajectory = sway(12)
     found = measure_hand_tracks(track(trajectory, POINTS), trajectory, SONAR, LEVER)
     assert found is not None
@@ -50,7 +50,7 @@ def test_exact_observations_leave_nothing() -> None:
     assert found.bearing_rmse_rad < 1e-7
 
 
-def test_the_world_may_lie_anywhere() -> None:
+def test_residuals_are_independent_of_the_world() -> None:
     trajectory = sway(12)
     elsewhere = make_pose(np.array([500.0, -80, 3]), Rotation.from_euler("zyx", [170, 30, -60], degrees=True))
     moved = replace(trajectory, world_from_vehicle=elsewhere @ trajectory.world_from_vehicle)
@@ -62,7 +62,7 @@ def test_the_world_may_lie_anywhere() -> None:
     assert there.range_rmse_m == pytest.approx(here.range_rmse_m, rel=1e-5)
 
 
-def test_residuals_tell_the_noise_of_the_observations() -> None:
+def test_residuals_are_the_noise_of_the_observations() -> None:
     trajectory, rng = sway(200), np.random.default_rng(2)
     exact = track(trajectory, POINTS)
     noisy = replace(
@@ -76,7 +76,7 @@ def test_residuals_tell_the_noise_of_the_observations() -> None:
     assert found.bearing_rmse_rad == pytest.approx(0.01, rel=0.1)
 
 
-def test_wrong_poses_and_a_forgotten_lever_arm_show() -> None:
+def test_wrong_poses_and_a_missing_lever_arm_have_residuals() -> None:
     trajectory = sway(30)
     tracks = track(trajectory, POINTS)
     drift = make_pose(np.outer(np.linspace(0, 1, 30), [0.3, 0.2, 0.0]), Rotation.identity(30))
@@ -87,7 +87,7 @@ def test_wrong_poses_and_a_forgotten_lever_arm_show() -> None:
         assert found.range_rmse_m + 3 * found.bearing_rmse_rad > 0.02
 
 
-def test_what_lies_outside_the_time_is_left_out() -> None:
+def test_observations_outside_the_time_are_left_out() -> None:
     trajectory = sway(12)
     tracks = track(trajectory, POINTS)
     first_half = Trajectory(trajectory.timestamps_s[:6], trajectory.world_from_vehicle[:6])
@@ -103,27 +103,27 @@ def test_too_few_views_give_no_measure() -> None:
         assert measure_hand_tracks(track(trajectory, POINTS), few, SONAR, LEVER) is None
 
 
-def test_the_true_poses_of_the_tank_fit_and_still_ones_do_not(shared_data: Path) -> None:
+def test_the_true_poses_of_the_tank_fit_and_static_ones_do_not(shared_data: Path) -> None:
     sequence = open_sequence(shared_data / "oculus_tank_b")
     assert sequence.hand_tracks is not None
     assert sequence.groundtruth is not None
-    still = replace(
+    static = replace(
         sequence.groundtruth,
         world_from_vehicle=np.tile(sequence.groundtruth.world_from_vehicle[:1], (len(sequence), 1, 1)),
     )
-    true, false = (
+    of_true, of_static = (
         measure_hand_tracks(sequence.hand_tracks, poses, sequence.sonar, sequence.vehicle_from_sonar)
-        for poses in (sequence.groundtruth, still)
+        for poses in (sequence.groundtruth, static)
     )
-    assert true is not None
-    assert false is not None
-    assert true.landmarks == 4
-    assert true.range_rmse_m < 0.005
-    assert np.degrees(true.bearing_rmse_rad) < 0.2
-    assert true.range_rmse_m < false.range_rmse_m / 10
+    assert of_true is not None
+    assert of_static is not None
+    assert of_true.landmarks == 4
+    assert of_true.range_rmse_m < 0.005
+    assert np.degrees(of_true.bearing_rmse_rad) < 0.2
+    assert of_true.range_rmse_m < of_static.range_rmse_m / 10
 
 
-def test_a_mirrored_bearing_axis_shows_on_the_tank(shared_data: Path) -> None:
+def test_a_mirrored_bearing_axis_has_residuals_on_the_tank(shared_data: Path) -> None:
     sequence = open_sequence(shared_data / "oculus_tank_b")
     assert sequence.hand_tracks is not None
     assert sequence.groundtruth is not None

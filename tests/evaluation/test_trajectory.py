@@ -50,7 +50,7 @@ def with_stamps(poses: FloatArray, start_s: float = 0.0) -> Trajectory:
 
 
 def evo_error(metric: metrics.PE, estimate: FloatArray, reference: FloatArray, alignment: str) -> FloatArray:
-    """What evo says of the same poses."""
+    """Return evo's values for the same poses."""
     estimated, true = PosePath3D(poses_se3=list(estimate)), PosePath3D(poses_se3=list(reference))
     if alignment == "se3":
         estimated.align(true)
@@ -123,7 +123,7 @@ def test_statistics_agree_with_evo() -> None:
 
 @settings(max_examples=50)
 @given(seeds, st.integers(2, 12))
-def test_errors_ignore_where_the_estimate_has_its_world(seed: int, count: int) -> None:
+def test_errors_are_independent_of_the_estimate_s_world(seed: int, count: int) -> None:
     reference = random_walk(seed, count)
     estimate = disturb(reference, seed + 1)
     moved = random_transform(seed + 2) @ estimate
@@ -181,7 +181,7 @@ def test_wrong_scale_is_an_error() -> None:
     np.testing.assert_allclose(summarise(translation_m).rmse, 0.1 * summarise(spread_m).rmse, rtol=1e-9)
 
 
-def test_straight_path_takes_its_turn_from_the_orientations() -> None:
+def test_rotation_about_a_straight_path_is_that_of_the_orientations() -> None:
     reference = np.tile(np.eye(4), (5, 1, 1))
     reference[:, 0, 3] = np.arange(5.0)
     rolled = make_pose(np.zeros(3), Rotation.from_euler("x", 70, degrees=True)) @ reference
@@ -203,7 +203,7 @@ def test_path_length_of_a_square() -> None:
 
 
 @given(seeds, st.integers(1, 15), st.floats(0.1, 10))
-def test_pairs_by_distance_agree_with_a_plain_search(seed: int, count: int, distance_m: float) -> None:
+def test_pairs_by_distance_agree_with_a_brute_force_search(seed: int, count: int, distance_m: float) -> None:
     reference = random_walk(seed, count)
     along_m = [path_length_m(reference[: row + 1]) for row in range(count)]
     expected = []
@@ -213,7 +213,7 @@ def test_pairs_by_distance_agree_with_a_plain_search(seed: int, count: int, dist
     assert list(zip(*(array.tolist() for array in pairs_by_distance(reference, distance_m)), strict=True)) == expected
 
 
-def test_pairs_of_short_paths_are_none() -> None:
+def test_short_paths_have_no_pairs() -> None:
     for pairs in (pairs_by_step(1), pairs_by_step(3, 5), pairs_by_distance(random_walk(0, 4), 1e9)):
         assert [len(array) for array in pairs] == [0, 0]
     static = np.tile(np.eye(4), (4, 1, 1))
@@ -231,7 +231,7 @@ def test_association_interpolates_the_reference() -> None:
     assert (half.inv() * Rotation.from_matrix(pairs.reference[1, :3, :3])).magnitude() < 1e-7
 
 
-def test_association_leaves_out_what_the_reference_does_not_cover() -> None:
+def test_poses_outside_the_reference_are_left_out() -> None:
     estimate = with_stamps(random_walk(5, 20))
     reference = with_stamps(random_walk(6, 5), start_s=1.0)
     pairs = associate(estimate, reference)
@@ -246,7 +246,7 @@ def test_rounded_stamps_at_the_ends_are_kept() -> None:
 
 
 @pytest.mark.parametrize(("start_s", "count"), [(100.0, 5), (0.8, 5), (0.0, 1), (0.0, 0)])
-def test_too_little_common_time_names_both_spans(start_s: float, count: int) -> None:
+def test_too_little_common_time_is_an_error_with_both_spans(start_s: float, count: int) -> None:
     estimate = with_stamps(random_walk(1, count), start_s)
     with pytest.raises(AsfmError) as caught:
         associate(estimate, with_stamps(random_walk(2, 5)))
@@ -256,12 +256,12 @@ def test_too_little_common_time_names_both_spans(start_s: float, count: int) -> 
     assert "\n" not in message
 
 
-def test_empty_reference_is_named() -> None:
+def test_an_empty_reference_is_an_error() -> None:
     with pytest.raises(AsfmError, match="the reference has no poses"):
         associate(with_stamps(random_walk(1, 5)), with_stamps(random_walk(2, 0)))
 
 
-def test_pose_that_is_not_finite_is_named() -> None:
+def test_a_pose_that_is_not_finite_is_an_error() -> None:
     broken = random_walk(1, 5)
     broken[3, 0, 3] = np.nan
     with pytest.raises(AsfmError, match="estimate, pose 3"):

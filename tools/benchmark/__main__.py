@@ -1,16 +1,16 @@
-"""Measure stages against independent implementations of the same, and whole runs against the truth.
+"""Benchmarks of asfm: kernels against independent implementations, stages and whole runs against requirements.
 
-``python -m tools.benchmark all``, or the name of one comparison, times stages side by side in one process. Contenders
-take turns, so that a busy machine slows all of them alike; what counts is the ratio of the medians, and whether the
-results agree.
-``python -m tools.benchmark frontend [DATA_FOLDER]`` sets every number that the front-end is asked to reach beside what
-it reaches: its stages, the time of a frame over that of A-KAZE alone, and the matches beside the truth.
-``python -m tools.benchmark rates [DATA_FOLDER]`` counts the false alarms of CFAR on noise and in recorded empty water.
-``python -m tools.benchmark backend [DATA_FOLDER]`` does the same for the back-end, over simulated sequences (and the
-recordings with true poses where their folder is given): means, worst cases, covariances against the truth.
-``python -m tools.benchmark backend-speed`` times its adjustment against factors in Python, and over a long sequence.
+``python -m tools.benchmark all``, or the name of one kernel, times a kernel and its peers in one process. They take
+turns, so that a busy machine slows all of them alike; the results are the ratio of the medians and whether the outputs
+agree.
+``python -m tools.benchmark frontend [DATA_FOLDER]`` lists the requirements on the front-end beside what it reaches:
+times of its stages, the time of a frame over that of A-KAZE alone, and the match quality on sequences with true poses.
+``python -m tools.benchmark rates [DATA_FOLDER]`` measures the false-alarm rates of CFAR on noise and recorded water.
+``python -m tools.benchmark backend [DATA_FOLDER]`` lists the requirements on the back-end beside what it reaches over
+simulated sequences (and recordings with true poses, if their folder is given): pose errors, covariances, landmarks.
+``python -m tools.benchmark backend-speed`` times the bundle adjustment against factors in Python, and a long sequence.
 ``python -m tools.benchmark run SEQUENCE [--set SECTION.KEY=VALUE]...`` measures one ``asfm run`` in a child process.
-``python -m tools.benchmark public DATA_FOLDER`` measures the public recordings one after the other, in one table.
+``python -m tools.benchmark public DATA_FOLDER`` measures ``asfm run`` on the public recordings, in one table.
 """
 
 import argparse
@@ -28,19 +28,20 @@ from asfm.errors import AsfmError
 from tools.benchmark.accuracy import MODES, describe_accuracy
 from tools.benchmark.backend import list_backend_numbers, list_tasks, measure_tasks
 from tools.benchmark.false_alarm_rates import list_rates
-from tools.benchmark.frontend import SEQUENCES, Requirement, list_numbers, tabulate
+from tools.benchmark.frontend import SEQUENCES, list_frontend_numbers
 from tools.benchmark.kernels import COMPARISONS, Comparison, choose_comparisons, time_in_turns
 from tools.benchmark.long_sequence import BATCH_FRAMES, BATCH_OBSERVATIONS, list_batch_numbers
 from tools.benchmark.native_factors import compare_factors
 from tools.benchmark.runs import RunFailed, describe_run, measure_run, tabulate_public
-from tools.benchmark.simulated_cases import SEEN, SONARS, list_cases, list_narrow_cases
+from tools.benchmark.simulated_cases import SCENE_NAMES, SONAR_NAMES, list_cases, list_narrow_cases
+from tools.benchmark.table import Requirement, tabulate
 
 CLOCKS: dict[str, Callable[[], float]] = {"wall": time.perf_counter, "processor": time.process_time}
-"""On a machine shared with others the processor's time is the fairer: what takes long is interrupted more often."""
+"""On a shared machine, processor time is fairer: what takes longer is interrupted more often."""
 
 
 def report(comparison: Comparison, rounds: int, clock: Callable[[], float] = time.perf_counter) -> bool:
-    """Print the medians, their ratios and whether the results agree; returns whether all of them do."""
+    """Print the medians, their ratios and whether the results agree; return whether all do."""
     expected, agree = comparison.ours(), True
     print(comparison.title)
     medians = time_in_turns({"asfm": comparison.ours, **comparison.peers}, rounds, clock)
@@ -54,7 +55,7 @@ def report(comparison: Comparison, rounds: int, clock: Callable[[], float] = tim
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run what the command line names; returns 1 where results disagree, a number is missed or a run fails."""
+    """Run the command line; return 1 where results disagree, a requirement is not met or a run fails."""
     options = make_parser().parse_args(arguments)
     if options.what == "run":
         return _report_run(options)
@@ -80,56 +81,70 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def make_parser() -> argparse.ArgumentParser:
-    """Make the parser: one sub-command for each comparison and for all of them, for a run, for the public runs."""
+    """Return the parser, with a sub-command for each kernel and each of the other benchmarks."""
     parser = argparse.ArgumentParser(prog="python -m tools.benchmark", description=(__doc__ or "").splitlines()[0])
     commands = parser.add_subparsers(dest="what", required=True, metavar="WHAT")
     for name in (*COMPARISONS, "all"):
-        command = commands.add_parser(name, help="every comparison" if name == "all" else f"compare {name}")
-        command.add_argument("--shape", type=int, nargs=2, default=(600, 256), metavar=("RANGES", "BEAMS"))
-        command.add_argument("--seed", type=int, default=0)
+        command = commands.add_parser(name, help="every kernel" if name == "all" else f"compare the kernel {name}")
+        command.add_argument(
+            "--shape", type=int, nargs=2, default=(600, 256), metavar=("RANGES", "BEAMS"), help="of the image"
+        )
+        command.add_argument("--seed", type=int, default=0, help="of the image")
         _add_timing(command)
-    frontend = commands.add_parser("frontend", help="what the front-end is asked to reach, in one table")
+    frontend = commands.add_parser("frontend", help="requirements on the front-end beside what it reaches")
     frontend.add_argument("data", type=Path, nargs="?", metavar="DATA_FOLDER")
     frontend.add_argument("--sequences", nargs="+", default=SEQUENCES, metavar="NAME", help="folders below DATA_FOLDER")
     _add_timing(frontend)
-    backend = commands.add_parser("backend", help="what the back-end is asked to reach, in one table")
+    backend = commands.add_parser("backend", help="requirements on the back-end beside what it reaches")
     _add_sequences(backend)
-    speed = commands.add_parser("backend-speed", help="the adjustment against factors in Python; a long sequence")
-    speed.add_argument("--frames", type=int, default=BATCH_FRAMES, help="of the long sequence")
-    speed.add_argument("--observations", type=int, default=BATCH_OBSERVATIONS, help="of each of its frames")
-    run = commands.add_parser("run", help="measure one asfm run")
+    speed = commands.add_parser(
+        "backend-speed", help="time the bundle adjustment against factors in Python, and a long sequence"
+    )
+    speed.add_argument("--frames", type=int, default=BATCH_FRAMES, help="frames of the long sequence")
+    speed.add_argument(
+        "--observations", type=int, default=BATCH_OBSERVATIONS, help="observations in each of its frames"
+    )
+    run = commands.add_parser("run", help="measure one asfm run in a child process")
     run.add_argument("sequence", type=Path)
-    rates = commands.add_parser("rates", help="false-alarm rates over the asked ones, on noise and in empty water")
+    rates = commands.add_parser("rates", help="measure false-alarm rates of CFAR on noise and in empty water")
     rates.add_argument("data", type=Path, nargs="?", metavar="DATA_FOLDER")
-    rates.add_argument("--images", type=int, default=8, help="512 x 512 images of noise; 8 give 2,000 alarms at 1e-3")
-    reach = commands.add_parser("public", help="measure the public runs, in one table")
-    reach.add_argument("data", type=Path, metavar="DATA_FOLDER")
+    rates.add_argument(
+        "--images", type=int, default=8, help="number of 512 x 512 images of noise; 8 give 2,000 false alarms at 1e-3"
+    )
+    public = commands.add_parser("public", help="measure asfm run on the public recordings, in one table")
+    public.add_argument("data", type=Path, metavar="DATA_FOLDER")
     for command in (run, frontend, backend):
         command.add_argument("--set", dest="settings", action="append", default=[], metavar="SECTION.KEY=VALUE")
-    for command in (run, reach):
-        command.add_argument("--recording", action="store_true", help="with the viewer's recording, which takes longer")
+    for command in (run, public):
+        command.add_argument(
+            "--recording", action="store_true", help="make the viewer's recording too, which takes longer"
+        )
     return parser
 
 
 def _add_timing(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--rounds", type=int, default=9)
-    command.add_argument("--clock", choices=CLOCKS, default="wall")
+    command.add_argument("--rounds", type=int, default=9, help="of which the median is taken")
+    command.add_argument("--clock", choices=CLOCKS, default="wall", help="wall or processor time")
     command.add_argument("--threads", type=int, default=1, help="threads of OpenCV; the peers use one")
 
 
 def _add_sequences(command: argparse.ArgumentParser) -> None:
     command.add_argument("data", type=Path, nargs="?", metavar="DATA_FOLDER")
-    command.add_argument("--scenes", nargs="*", default=SEEN, metavar="SCENE")
-    command.add_argument("--sonars", nargs="*", default=SONARS, metavar="PRESET")
-    command.add_argument("--seeds", type=int, default=5, help="so many runs of each scene before each sonar")
+    command.add_argument("--scenes", nargs="*", default=SCENE_NAMES, metavar="SCENE", help="scenes to simulate")
+    command.add_argument("--sonars", nargs="*", default=SONAR_NAMES, metavar="PRESET", help="sonars to simulate")
+    command.add_argument("--seeds", type=int, default=5, help="sequences of each scene and sonar")
     command.add_argument(
-        "--narrow-seeds", type=int, help="runs of the narrow sonar that sways fast; as many by default"
+        "--narrow-seeds", type=int, help="sequences of the narrow sonar at each speed; as many by default"
     )
-    command.add_argument("--frames", type=int, default=80)
-    command.add_argument("--modes", nargs="+", choices=MODES, default=tuple(MODES))
-    command.add_argument("--cache", type=Path, metavar="DIR", help="keeps the sequences; else a temporary folder")
+    command.add_argument("--frames", type=int, default=80, help="of each sequence")
+    command.add_argument("--modes", nargs="+", choices=MODES, default=tuple(MODES), help="sensors that a run uses")
+    command.add_argument(
+        "--cache", type=Path, metavar="DIR", help="folder that keeps the sequences; temporary by default"
+    )
     command.add_argument("--jobs", type=int, default=1, help="sequences measured at once")
-    command.add_argument("--no-bound", dest="bound", action="store_false", help="spare the time that the bound takes")
+    command.add_argument(
+        "--no-bound", dest="bound", action="store_false", help="do not measure the accuracy bound, which takes long"
+    )
 
 
 def _report_backend(options: argparse.Namespace) -> int:
@@ -159,7 +174,9 @@ def _show_table(numbers: Sequence[Requirement]) -> int:
 def _report_frontend(options: argparse.Namespace) -> int:
     try:
         config = load_config(None, tuple(options.settings))
-        numbers = list(list_numbers(options.data, options.sequences, config, options.rounds, CLOCKS[options.clock]))
+        numbers = list(
+            list_frontend_numbers(options.data, options.sequences, config, options.rounds, CLOCKS[options.clock])
+        )
     except AsfmError as error:
         print(error, file=sys.stderr)
         return 1

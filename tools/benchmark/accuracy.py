@@ -1,4 +1,4 @@
-"""One run of the back-end beside the truth: poses, their covariances and landmarks, for ``benchmark.py``."""
+"""Accuracy of the back-end on one sequence: pose errors, consistency of covariances and landmarks."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -12,24 +12,38 @@ from asfm.config import Config
 from asfm.config_file import load_config
 from asfm.datasets import open_sequence, open_truth
 from asfm.evaluation.accuracy_bound import measure_bound
-from asfm.evaluation.covariance_consistency import LandmarkQuality, judge_landmarks, measure_nees, true_poses
-from asfm.evaluation.pose_error_table import evaluate_sequence
-from asfm.evaluation.trajectory import align_first_pose, path_length_m
-from asfm.pipeline.reconstruction import estimate, extract_matches, predict_poses, summarise
+from asfm.evaluation.covariance_consistency import LandmarkConsistency, Nees, measure_landmarks, measure_nees
+from asfm.evaluation.pose_error_table import ATE_RMSE, evaluate_sequence
+from asfm.evaluation.trajectory import align_first_pose, interpolate_groundtruth, path_length_m
+from asfm.navigation.frame_navigation import FrameNavigation, read_navigation
+from asfm.navigation.pose_prediction import predict_poses
+from asfm.pipeline.feature_matching import extract_matches
+from asfm.pipeline.reconstruction import estimate
+from asfm.pipeline.summary import summarise
 from asfm.recorder import NullRecorder
 from asfm.sequence import Sequence
 from asfm.stages import StageClock
-from asfm.types import FloatArray, FrameTruth, Keypoints, Matches
-from tools.benchmark.runs import ATE, SONAR_ALONE
+from asfm.types import FloatArray, FrameTruth, Keypoints, Matches, Reconstruction
+from tools.benchmark.runs import SONAR_ALONE
 
 MODES: dict[str, tuple[str, ...]] = {
     "navigation": (),
     "odometry": ("backend.use_navigation=false",),
     "sonar": SONAR_ALONE,
 }
-"""What a run may use of the sequence, as settings: odometry, depth and attitude; odometry; the sonar alone."""
+"""Settings of each mode: with odometry, depth and attitude; with odometry; with the sonar alone."""
 UNCERTAIN = "position-uncertainty"
 """Code of the diagnostic that names the frame from which on the positions are too uncertain to be trusted."""
+
+
+@dataclass(frozen=True)
+class EvaluatedSequence:
+    """One sequence with its truth."""
+
+    name: str
+    sequence: Sequence
+    read_truth: Callable[[int], FrameTruth] | None
+    """Returns the true elevations of a frame; None for a recording."""
 
 
 @dataclass(frozen=True)
@@ -37,9 +51,11 @@ class Accuracy:
     """One run beside the truth."""
 
     name: str
+    """Of the sequence."""
     mode: str
+    """Key of :data:`MODES`."""
     failure: str = ""
-    """Why there is no result; what follows is then empty."""
+    """The exception of a run that failed; the other fields are then defaults."""
     wall_s: float = 0.0
     """Of the back-end: from candidate matches to landmarks."""
     ate_m: float = np.inf
@@ -47,12 +63,10 @@ class Accuracy:
     path_m: float = 1.0
     odometry_ate_m: float | None = None
     bound_m: float | None = None
-    nees: tuple[float, float] | None = None
-    """Of position and attitude, a degree of freedom: mean over the frames but the first. None where the graph
-    cannot be factorised."""
-    landmarks: LandmarkQuality | None = None
-    distrusted: bool = False
-    """Whether the run says from which frame on its trajectory is not to be trusted."""
+    nees: Nees | None = None
+    landmarks: LandmarkConsistency | None = None
+    flagged: bool = False
+    """Whether the run's diagnostics say from which frame on its trajectory is not to be trusted."""
 
     @property
     def ratio(self) -> float | None:
@@ -73,72 +87,86 @@ class Accuracy:
 def measure_sequence(path: Path, modes: Rows[str], settings: tuple[str, ...], bound: bool) -> Iterator[Accuracy]:
     """Run one sequence in each of the modes.
 
-    The front-end is passed once for all modes that predict the same poses to it, as it makes the same matches of them.
+    Modes with the same predicted poses share one pass of the front-end, as its matches are the same.
+
+    Args:
+        path: folder or file of the sequence.
+        modes: keys of :data:`MODES`.
+        settings: each as section.key=value.
+        bound: measure the accuracy bound of simulated sequences too.
 
     Raises:
         AsfmError: the sequence cannot be read.
     """
-    sequence, read_truth = open_sequence(path), open_truth(path)
-    passed: list[tuple[FloatArray | None, list[Keypoints], list[Matches]]] = []
+    test = EvaluatedSequence(path.name, open_sequence(path), open_truth(path))
+    passes: list[tuple[FloatArray | None, list[Keypoints], list[Matches]]] = []
     for mode in modes:
         config = load_config(None, (*settings, *MODES[mode]))
-        predicted = predict_poses(sequence, config)
-        poses = None if predicted is None else predicted.world_from_sonar
-        found = [(keypoints, matches) for other, keypoints, matches in passed if _same(poses, other)]
+        navigation = read_navigation(test.sequence, config.backend)
+        prediction = predict_poses(navigation, test.sequence)
+        poses = None if prediction is None else prediction.world_from_sonar
+        found = [(keypoints, matches) for other, keypoints, matches in passes if _are_equal(poses, other)]
         if not found:
-            found = [extract_matches(sequence, config, NullRecorder(), StageClock())]
-            passed.append((poses, *found[0]))
+            found = [extract_matches(test.sequence, config, NullRecorder(), StageClock(), prediction)]
+            passes.append((poses, *found[0]))
         try:
-            yield _measure_run(path.name, mode, sequence, read_truth, *found[0], config, bound)
-        except Exception as error:  # a run that breaks is a line of the table, not the end of it
-            yield Accuracy(path.name, mode, failure=" ".join(f"{type(error).__name__}: {error}".split()))
+            result, wall_s = _run_backend(test.sequence, navigation, *found[0], config)
+            yield _compare(test, mode, result, wall_s, config, bound)
+        except Exception as error:  # a failed run is a row of the table, not its end
+            yield Accuracy(test.name, mode, failure=" ".join(f"{type(error).__name__}: {error}".split()))
 
 
-def _same(one: FloatArray | None, other: FloatArray | None) -> bool:
+def _are_equal(one: FloatArray | None, other: FloatArray | None) -> bool:
     return one is other if one is None or other is None else np.array_equal(one, other)
 
 
-def _measure_run(
-    name: str,
-    mode: str,
+def _run_backend(
     sequence: Sequence,
-    read_truth: Callable[[int], FrameTruth] | None,
+    navigation: FrameNavigation,
     keypoints: list[Keypoints],
-    candidates: list[Matches],
+    matches: list[Matches],
     config: Config,
-    with_bound: bool,
-) -> Accuracy:
-    """Do what the pipeline does after its front-end, and hold it against the truth."""
+) -> tuple[Reconstruction, float]:
+    """Do what the pipeline does after its front-end, and return its wall time in seconds."""
     clock, begin_s = StageClock(), time.perf_counter()
-    solved, solution, told = estimate(sequence, keypoints, candidates, config, clock)
-    result = summarise(solved, solution, config, clock, told)
-    wall_s = time.perf_counter() - begin_s
-    truth = true_poses(sequence)
+    calibrated, solution, diagnostics = estimate(sequence, navigation, keypoints, matches, config, clock)
+    result = summarise(calibrated, solution, config, clock, diagnostics)
+    return result, time.perf_counter() - begin_s
+
+
+def _compare(
+    test: EvaluatedSequence, mode: str, result: Reconstruction, wall_s: float, config: Config, with_bound: bool
+) -> Accuracy:
+    """Compare a result with the truth.
+
+    The world of a run by the sonar alone is its own: its first pose is laid on the true one, as every sigma is relative
+    to it.
+    """
+    sequence, read_truth, truth = test.sequence, test.read_truth, interpolate_groundtruth(test.sequence)
     poses = result.trajectory.world_from_vehicle
-    row = evaluate_sequence(sequence, result.trajectory).row(ATE)
-    bound = None
-    if with_bound and read_truth is not None:
-        bound = measure_bound(sequence, read_truth, result.tracks, result.observed, config).ate_m
+    true_from_estimate = align_first_pose(poses, truth) if mode == "sonar" else np.eye(4)
+    row = evaluate_sequence(sequence, result.trajectory).row(ATE_RMSE)
+    bound, landmarks = None, None
+    if read_truth is not None:
+        landmarks = measure_landmarks(result.landmarks, result.tracks, sequence, read_truth, true_from_estimate)
+        if with_bound:
+            bound = measure_bound(sequence, read_truth, result.tracks, result.observed, config).ate_m
     return Accuracy(
-        name,
+        test.name,
         mode,
         wall_s=wall_s,
         ate_m=row.value,
         path_m=path_length_m(truth),
         odometry_ate_m=row.odometry,
         bound_m=bound,
-        nees=measure_nees(
-            solution,
-            align_first_pose(truth, poses) @ truth if mode == "sonar" else truth,
-            result.pose_covariance,
-        ),
-        landmarks=None if read_truth is None else judge_landmarks(result, sequence, read_truth, mode == "sonar"),
-        distrusted=any(item.code == UNCERTAIN for item in result.diagnostics),
+        nees=measure_nees(true_from_estimate @ poses, truth, result.pose_covariance),
+        landmarks=landmarks,
+        flagged=any(item.code == UNCERTAIN for item in result.diagnostics),
     )
 
 
 def describe_accuracy(run: Accuracy) -> str:
-    """Tell everything about one run in a line."""
+    """Return all numbers of one run in a line."""
     title = f"{run.name}, {run.mode}"
     if run.failure:
         return f"{title}: failed: {run.failure}"
@@ -146,11 +174,13 @@ def describe_accuracy(run: Accuracy) -> str:
     for value, what in ((run.ratio, "of the odometry's"), (run.over_bound, "of the bound")):
         parts += [f"{value:.2f} {what}"] if value is not None else []
     if run.nees is not None:
-        parts.append("NEES {:.2f}, {:.2f}".format(*run.nees))
+        parts.append(f"NEES {run.nees.position:.2f}, {run.nees.attitude:.2f}")
     if run.landmarks is not None:
-        quality = run.landmarks
-        parts.append(f"{quality.called} of {quality.tracks} tracks well constrained")
-        if quality.near is not None and quality.median_m is not None:
-            parts.append(f"{100 * quality.near:.0f} % near, {quality.median_m:.3f} m off")
-    parts += ["not to be trusted by its own word"] if run.distrusted else []
+        found = run.landmarks
+        parts.append(f"{found.well_constrained} of {found.tracks} tracks well constrained")
+        if found.within_3_sigma is not None and found.median_error_m is not None:
+            parts.append(
+                f"{100 * found.within_3_sigma:.0f} % within 3 sigma, median error {found.median_error_m:.3f} m"
+            )
+    parts += ["flagged as not to be trusted"] if run.flagged else []
     return f"{title}: {'; '.join([*parts, f'{run.wall_s:.0f} s'])}"

@@ -1,4 +1,4 @@
-"""How often CFAR detects where there is nothing, over how often it was asked to, for ``benchmark.py``."""
+"""False-alarm rates of CFAR over the design rates, on simulated noise and on recorded empty water."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,15 +18,15 @@ EMPTY_WATER = (
     ("Oculus tank a, rows 560 to 690", "oculus_tank_a/frames", slice(560, 690), 6),
     ("Oculus tank b, rows 560 to 690", "oculus_tank_b/frames", slice(560, 690), 6),
 )
-"""Title, folder of images, rows that hold water alone, and every how many images one is taken."""
+"""Title, folder of images, rows of water alone, and step between the images used."""
 
 
 def list_rates(data: Path | None, images: int) -> Iterator[str]:
-    """Make the lines of the table: made noise, and the recordings' water where their folder is given."""
-    yield f"{'found rate / asked rate, at':<46}" + "".join(f"{probability:>9g}" for probability in PROBABILITIES)
+    """Yield the lines of the table: simulated noise, and recorded water if a data folder is given."""
+    yield f"{'measured rate / design rate, at':<46}" + "".join(f"{probability:>9g}" for probability in PROBABILITIES)
     for noise in ("rayleigh", "exponential", "weibull"):
-        stack = [_make_noise(noise, seed) for seed in range(images)]
-        title = "noise of exponential power" if noise == "exponential" else f"{noise} noise"
+        stack = [_simulate_noise(noise, seed) for seed in range(images)]
+        title = "exponential noise" if noise == "exponential" else f"{noise} noise"
         yield from _rate(f"{title}{', shape 4' if noise == 'weibull' else ''}", stack, slice(None), (noise,))
     for title, folder, rows, step in EMPTY_WATER if data is not None else ():
         paths = sorted((data or Path()).joinpath(folder).glob("*.png"))[::step]
@@ -44,7 +44,7 @@ def _rate(
             for method in methods:
                 settings = {"guard_px": guard_px, "reference_px": reference_px, "noise": noise, "method": method}
                 ratios = [_measure(stack, rows, settings | {"false_alarm_probability": p}) / p for p in PROBABILITIES]
-                yield f"  {window}, taken for {noise:<12} {method:<17}" + "".join(f"{ratio:>9.3f}" for ratio in ratios)
+                yield f"  {window}, {noise + ' model':<18} {method:<17}" + "".join(f"{ratio:>9.3f}" for ratio in ratios)
 
 
 def _measure(stack: list[ImageArray], rows: slice, settings: dict[str, object]) -> float:
@@ -52,6 +52,6 @@ def _measure(stack: list[ImageArray], rows: slice, settings: dict[str, object]) 
     return float(np.mean([detect_cfar(i, np.ones(i.shape, dtype=bool), config)[rows].mean() for i in stack]))
 
 
-def _make_noise(noise: str, seed: int) -> ImageArray:
+def _simulate_noise(noise: str, seed: int) -> ImageArray:
     shape = {"exponential": 1.0, "rayleigh": 2.0, "weibull": 4.0}[noise]
     return np.random.default_rng(seed).weibull(shape, (512, 512)).astype(np.float32)

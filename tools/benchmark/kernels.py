@@ -1,4 +1,4 @@
-"""The front-end's kernels beside independent implementations of the same, for ``benchmark.py``."""
+"""Kernels of the front-end against independent implementations: CFAR, DBSCAN, SSL."""
 
 import time
 from collections.abc import Callable
@@ -17,19 +17,19 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True)
 class Comparison:
-    """One stage with its peers, all of them computing the same."""
+    """One kernel and its peers, which compute the same."""
 
     title: str
     ours: Callable[[], Array]
     peers: dict[str, Callable[[], Array]]
     tolerance: float
-    """Largest part of the values that may differ: thresholds fall on either side of a rounding error."""
+    """Largest fraction of the values that may differ: a rounding error decides at a threshold."""
 
 
 def time_in_turns(
     contenders: dict[str, Callable[[], Array]], rounds: int, clock: Callable[[], float] = time.perf_counter
 ) -> dict[str, float]:
-    """Call all contenders in each round; returns the median time in seconds of each."""
+    """Call all contenders in turn, round by round; return the median time in seconds of each."""
     spent: dict[str, list[float]] = {name: [] for name in contenders}
     for _ in range(rounds):
         for name, run in contenders.items():
@@ -40,7 +40,7 @@ def time_in_turns(
 
 
 def make_speckle(shape: tuple[int, int], seed: int) -> ImageArray:
-    """Make Rayleigh noise, stronger at close range, with a hundred bright squares: (ranges, beams) in 0..1."""
+    """Simulate Rayleigh noise, stronger at close range, with a hundred bright squares: (ranges, beams) in 0..1."""
     rng = np.random.default_rng(seed)
     strength = np.linspace(2.0, 1.0, shape[0])[:, None] * np.ones(shape)
     for row, column in zip(rng.integers(0, shape[0], 100), rng.integers(0, shape[1], 100), strict=True):
@@ -50,7 +50,7 @@ def make_speckle(shape: tuple[int, int], seed: int) -> ImageArray:
 
 
 def compare_cfar(shape: tuple[int, int], seed: int) -> Comparison:
-    """Cell averaging CFAR against the same written with SciPy's uniform filter."""
+    """Compare cell-averaging CFAR with the same in terms of SciPy's uniform filter."""
     from scipy.ndimage import uniform_filter
 
     image, config = make_speckle(shape, seed), CfarConfig()
@@ -69,8 +69,8 @@ def compare_cfar(shape: tuple[int, int], seed: int) -> Comparison:
     return _compare_detections("cell averaging", config, image, "scipy uniform_filter", with_scipy)
 
 
-def compare_halves(shape: tuple[int, int], seed: int, greatest: bool) -> Comparison:
-    """CFAR of the greater or the smaller half against SciPy's convolution by FFT, with our factors."""
+def compare_goca_soca(shape: tuple[int, int], seed: int, greatest: bool) -> Comparison:
+    """Compare GOCA or SOCA CFAR with SciPy's convolution by FFT, with asfm's threshold factors."""
     from scipy.signal import fftconvolve
 
     from asfm.frontend.denoising.cfar_factors import lookup_goca_soca_factors
@@ -78,7 +78,7 @@ def compare_halves(shape: tuple[int, int], seed: int, greatest: bool) -> Compari
     config = CfarConfig.model_validate({"method": "goca" if greatest else "soca"})
     image, (rows, columns) = make_speckle(shape, seed), config.reference_px
     before = _make_ring(config)
-    before[: rows + 1] = False  # a convolution turns its kernel round: the farther rows sum what lies before
+    before[: rows + 1] = False  # a convolution reverses its kernel: the farther rows sum the leading cells
 
     def with_scipy() -> Array:
         power = image.astype(float) ** 2
@@ -96,7 +96,7 @@ def compare_halves(shape: tuple[int, int], seed: int, greatest: bool) -> Compari
 
 
 def compare_order(shape: tuple[int, int], seed: int) -> Comparison:
-    """Order-statistic CFAR against SciPy's rank filter, with our factors."""
+    """Compare order-statistic CFAR with SciPy's rank filter, with asfm's threshold factors."""
     from scipy.ndimage import rank_filter
 
     from asfm.frontend.denoising.cfar import detect_cfar
@@ -107,7 +107,7 @@ def compare_order(shape: tuple[int, int], seed: int) -> Comparison:
     image, ring = make_speckle(shape, seed), _make_ring(config)
     everywhere = np.ones(shape, dtype=bool)
     whole = np.array([ring.sum()])
-    # At the border ranks differ from pixel to pixel, where SciPy has one for all: it is left out.
+    # At the border the rank differs from pixel to pixel, while SciPy has one for all: it is left out.
     inside = count_reference_cells(everywhere, config.reference_px, config.guard_px) == whole
 
     def with_scipy() -> Array:
@@ -125,7 +125,7 @@ def compare_order(shape: tuple[int, int], seed: int) -> Comparison:
 
 
 def compare_clusters(shape: tuple[int, int], seed: int, labels: bool = False) -> Comparison:
-    """DBSCAN on the grid, noise alone or all labels, against scikit-learn's on the coordinates of a tenth of pixels."""
+    """Compare DBSCAN on the grid, mask or labels, with scikit-learn's on the coordinates of a tenth of the pixels."""
     from sklearn.cluster import DBSCAN
 
     from asfm.frontend.denoising.dbscan import dbscan_labels, dbscan_mask
@@ -145,7 +145,7 @@ def compare_clusters(shape: tuple[int, int], seed: int, labels: bool = False) ->
 
 
 def compare_ssl(shape: tuple[int, int], seed: int, count: int = 1000) -> Comparison:
-    """The structural term on all matches at once against scikit-image's SSIM called once a match."""
+    """Compare the structural loss of all matches at once with scikit-image's SSIM, called once a match."""
     from skimage.metrics import structural_similarity
 
     from asfm.frontend.matching.ssl import stretch_patches, structural_spatial_loss
@@ -167,8 +167,8 @@ def compare_ssl(shape: tuple[int, int], seed: int, count: int = 1000) -> Compari
 
 COMPARISONS: dict[str, Callable[[tuple[int, int], int], Comparison]] = {
     "cfar": compare_cfar,
-    "cfar-goca": partial(compare_halves, greatest=True),
-    "cfar-soca": partial(compare_halves, greatest=False),
+    "cfar-goca": partial(compare_goca_soca, greatest=True),
+    "cfar-soca": partial(compare_goca_soca, greatest=False),
     "cfar-os": compare_order,
     "clusters": compare_clusters,
     "clusters-labels": partial(compare_clusters, labels=True),
@@ -177,7 +177,7 @@ COMPARISONS: dict[str, Callable[[tuple[int, int], int], Comparison]] = {
 
 
 def choose_comparisons(what: str) -> list[str]:
-    """Choose by a name, by what names begin with before their hyphen, or ``all``."""
+    """Return the names that are equal to a name or begin with it before a hyphen, or ``all`` of them."""
     return [name for name in COMPARISONS if what in ("all", name, name.partition("-")[0])]
 
 
@@ -191,7 +191,7 @@ def _compare_detections(
 
 
 def _make_ring(config: CfarConfig) -> BoolArray:
-    """Reference window without the guard window, true in the cells that count; the pixel's own row among them."""
+    """Return the reference window, true in the reference cells and false in the guard window."""
     (rows, columns), (guard_rows, guard_columns) = config.reference_px, config.guard_px
     row, column = np.mgrid[-rows : rows + 1, -columns : columns + 1]
     return np.asarray((np.abs(row) > guard_rows) | (np.abs(column) > guard_columns))

@@ -1,4 +1,4 @@
-"""Time the back-end over a long sequence, for ``benchmark.py``."""
+"""Time and memory of the back-end on the tracks of a long sequence."""
 
 import multiprocessing
 import time
@@ -11,21 +11,20 @@ from asfm.backend.estimation.solution import solve_tracks
 from asfm.backend.graph.marginal_covariance import measure_uncertainty
 from asfm.backend.initialisation.initial_poses import initialise_from_odometry
 from asfm.config import Config
-from asfm.evaluation.pose_error_table import evaluate_sequence
+from asfm.evaluation.pose_error_table import ATE_RMSE, evaluate_sequence
 from asfm.navigation.frame_navigation import read_navigation
 from asfm.simulation.track_simulation import make_floor
 from asfm.stages import peak_memory_mb
 from asfm.types import Trajectory
-from tools.benchmark.frontend import Requirement
-from tools.benchmark.runs import ATE
+from tools.benchmark.table import Requirement
 
-BATCH_S, BATCH_MB = 120.0, 3000.0
+MAX_BATCH_S, MAX_BATCH_MB = 120.0, 3000.0
 BATCH_FRAMES, BATCH_OBSERVATIONS, BATCH_VIEWS = 1000, 100, (10, 30)
 
 
 @dataclass(frozen=True)
 class Batch:
-    """What a long sequence takes from its tracks on."""
+    """Time and memory of solving the tracks of a long sequence."""
 
     observations: int
     rounds_s: tuple[float, ...]
@@ -40,26 +39,26 @@ class Batch:
 def measure_batch(
     frames: int = BATCH_FRAMES, observations: int = BATCH_OBSERVATIONS, views: tuple[int, int] = BATCH_VIEWS
 ) -> Batch:
-    """Solve the tracks of a long sequence in as many rounds as a run does, and describe the landmarks."""
+    """Solve the tracks of a long sequence in as many rounds as a run, and compute the landmarks' covariances."""
     floor, config = make_floor(frames, observations, views, "transect", 5.0, navigation=True), Config()
-    start = initialise_from_odometry(read_navigation(floor.sequence, config.backend), floor.sequence)
-    assert start is not None
-    poses, rounds_s = start.world_from_vehicle, []
+    initial = initialise_from_odometry(read_navigation(floor.sequence, config.backend), floor.sequence)
+    assert initial is not None
+    poses, rounds_s = initial.world_from_vehicle, []
     for _ in range(config.backend.rounds):
         begin_s = time.perf_counter()
-        solution = solve_tracks(floor.tracks, floor.sequence, poses, start.sensors, config)
+        solution = solve_tracks(floor.tracks, floor.sequence, poses, initial.sensors, config)
         poses = solution.bundle.world_from_vehicle
         rounds_s.append(time.perf_counter() - begin_s)
     begin_s = time.perf_counter()
     uncertainty = measure_uncertainty(solution.bundle, solution.elevation_information_ratio)
     describe_landmarks(solution, uncertainty.point_m2, floor.sequence, config)
     landmarks_s = time.perf_counter() - begin_s
-    ratio = evaluate_sequence(floor.sequence, Trajectory(floor.sequence.timestamps_s, poses)).row(ATE).ratio
+    ratio = evaluate_sequence(floor.sequence, Trajectory(floor.sequence.timestamps_s, poses)).row(ATE_RMSE).ratio
     return Batch(len(floor.tracks), tuple(rounds_s), landmarks_s, peak_memory_mb(), ratio)
 
 
 def list_batch_numbers(frames: int = BATCH_FRAMES, observations: int = BATCH_OBSERVATIONS) -> Iterator[Requirement]:
-    """Measure a long sequence in a process of its own, whose memory is nobody else's."""
+    """Measure a long sequence in a process of its own, so that its peak memory is its own."""
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         batch = pool.submit(measure_batch, frames, observations).result()
     title = f"{frames:,} frames"
@@ -67,6 +66,6 @@ def list_batch_numbers(frames: int = BATCH_FRAMES, observations: int = BATCH_OBS
     for number, wall_s in enumerate(batch.rounds_s, start=1):
         yield Requirement(f"{title}, round {number}", wall_s, "s")
     yield Requirement(f"{title}, landmarks", batch.landmarks_s, "s")
-    yield Requirement(f"{title}, in all", sum(batch.rounds_s) + batch.landmarks_s, "s", at_most=BATCH_S)
-    yield Requirement(f"{title}, peak memory", batch.peak_mb, "MB", at_most=BATCH_MB)
+    yield Requirement(f"{title}, in all", sum(batch.rounds_s) + batch.landmarks_s, "s", at_most=MAX_BATCH_S)
+    yield Requirement(f"{title}, peak memory", batch.peak_mb, "MB", at_most=MAX_BATCH_MB)
     yield Requirement(f"{title}, ATE / odometry", batch.ratio)

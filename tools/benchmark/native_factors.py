@@ -1,4 +1,4 @@
-"""Time the back-end's adjustment against the same factors written in Python, for ``benchmark.py``."""
+"""Native GTSAM factors against the same factors in Python: time and optimum of the bundle adjustment."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -22,47 +22,52 @@ from asfm.config import BackendConfig
 from asfm.navigation.frame_navigation import read_navigation
 from asfm.simulation.track_simulation import Floor, make_floor
 from asfm.types import FloatArray
-from tools.benchmark.frontend import Requirement
+from tools.benchmark.table import Requirement
 
-FASTER, SAME_M = 20.0, 1e-4
+MIN_SPEEDUP, MAX_DIFFERENCE_M = 20.0, 1e-4
 SMALL_FRAMES, SMALL_POINTS = 20, 100
-SETTLED = 1e-6
+RELATIVE_COST_TOLERANCE = 1e-6
 """Relative change of the cost at which either optimiser stops."""
-WIDE_RAD = 1.0
-"""Half an aperture that no point leaves: the beam's edge is not what is compared."""
+HALF_APERTURE_RAD = 1.0
+"""Half an elevation aperture that no point leaves, so that no aperture constraint is active."""
 
 Factor = Callable[[int, int, float, float], Any]
-"""(pose's key, point's key, measured value, sigma) -> factor."""
+"""(pose key, point key, measured value, sigma) -> factor."""
 
 
 def compare_factors(frames: int = SMALL_FRAMES, points: int = SMALL_POINTS) -> Iterator[Requirement]:
-    """Solve the same graph from the same start by native factors and by factors in Python."""
+    """Solve the same graph from the same initial values with native factors and with factors in Python."""
     floor = make_floor(frames, points, (max(frames // 2, 3), frames), "sway", 2.0, navigation=False)
-    start = initialise_from_odometry(read_navigation(floor.sequence, BackendConfig()), floor.sequence)
-    assert start is not None
+    initial = initialise_from_odometry(read_navigation(floor.sequence, BackendConfig()), floor.sequence)
+    assert initial is not None
     lever_arm = gtsam.Pose3(floor.sequence.vehicle_from_sonar)
     native: tuple[Factor, Factor] = (
         lambda pose, point, value, sigma: bearing_factor(pose, point, value, sigma, lever_arm),
         lambda pose, point, value, sigma: range_factor(pose, point, value, sigma, lever_arm),
     )
-    python_s, expected = _time_graph(floor, start, (make_bearing_factor, make_range_factor))
-    native_s, poses = _time_graph(floor, start, native)
-    ours_s, ours = _time_adjustment(floor, start)
+    python_s, expected = _time_graph(floor, initial, (make_bearing_factor, make_range_factor))
+    native_s, poses = _time_graph(floor, initial, native)
+    ours_s, ours = _time_adjustment(floor, initial)
     yield Requirement("observations of the small graph", float(len(floor.tracks)))
     yield Requirement("factors in Python", python_s, "s")
     yield Requirement("native factors", native_s, "s")
-    yield Requirement("native factors, faster", python_s / native_s, "times", at_least=FASTER)
+    yield Requirement("native factors, faster", python_s / native_s, "times", at_least=MIN_SPEEDUP)
     yield Requirement(
-        "native factors, farthest pose from that optimum", _farthest(poses, expected), "m", at_most=SAME_M
+        "native factors, largest pose difference from that optimum",
+        _largest_distance_m(poses, expected),
+        "m",
+        at_most=MAX_DIFFERENCE_M,
     )
     yield Requirement("adjust_bundle as a whole", ours_s, "s")
     yield Requirement("adjust_bundle as a whole, faster", python_s / ours_s, "times")
-    yield Requirement("adjust_bundle as a whole, farthest pose from that optimum", _farthest(ours, expected), "m")
+    yield Requirement(
+        "adjust_bundle as a whole, largest pose difference from that optimum", _largest_distance_m(ours, expected), "m"
+    )
 
 
-def _time_graph(floor: Floor, start: InitialPoses, factors: tuple[Factor, Factor]) -> tuple[float, FloatArray]:
-    """Optimise by Levenberg-Marquardt: seconds without building the graph, and (N, 4, 4) poses."""
-    tracks, sensors = floor.tracks, start.sensors
+def _time_graph(floor: Floor, initial: InitialPoses, factors: tuple[Factor, Factor]) -> tuple[float, FloatArray]:
+    """Optimise by Levenberg-Marquardt; return the seconds without building the graph, and (N, 4, 4) poses."""
+    tracks, sensors = floor.tracks, initial.sensors
     assert tracks.sigma is not None
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     first = gtsam.noiseModel.Gaussian.Covariance(sensors.first_covariance)
@@ -74,80 +79,82 @@ def _time_graph(floor: Floor, start: InitialPoses, factors: tuple[Factor, Factor
         range_sigma, bearing_sigma = tracks.sigma[index].tolist()
         graph.add(factors[0](pose, point, float(tracks.bearing_rad[index]), bearing_sigma))
         graph.add(factors[1](pose, point, float(tracks.range_m[index]), range_sigma))
-    for index, matrix in enumerate(start.world_from_vehicle):
+    for index, matrix in enumerate(initial.world_from_vehicle):
         values.insert(FIRST_POSE + index, gtsam.Pose3(matrix))
     for index, xyz_m in enumerate(floor.xyz_m):
         values.insert(FIRST_POINT + index, xyz_m)
     parameters = gtsam.LevenbergMarquardtParams()
-    parameters.setRelativeErrorTol(SETTLED)
+    parameters.setRelativeErrorTol(RELATIVE_COST_TOLERANCE)
     begin_s = time.perf_counter()
     values = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
     wall_s = time.perf_counter() - begin_s
     return wall_s, np.stack([values.atPose3(FIRST_POSE + index).matrix() for index in range(len(floor.sequence))])
 
 
-def _time_adjustment(floor: Floor, start: InitialPoses) -> tuple[float, FloatArray]:
-    """Let the back-end adjust the same, building of its graph included: seconds, and (N, 4, 4) poses."""
+def _time_adjustment(floor: Floor, initial: InitialPoses) -> tuple[float, FloatArray]:
+    """Adjust the same graph in the back-end; return the seconds with building the graph, and (N, 4, 4) poses."""
     assert floor.tracks.sigma is not None
     problem = BundleProblem(
         tracks=floor.tracks,
         observed=np.ones(len(floor.tracks), dtype=bool),
         sigma=floor.tracks.sigma,
-        sensors=start.sensors,
+        sensors=initial.sensors,
         vehicle_from_sonar=floor.sequence.vehicle_from_sonar,
-        half_aperture_rad=WIDE_RAD,
+        half_aperture_rad=HALF_APERTURE_RAD,
     )
     begin_s = time.perf_counter()
-    bundle = adjust_bundle(problem, start.world_from_vehicle, floor.xyz_m, SETTLED)
+    bundle = adjust_bundle(problem, initial.world_from_vehicle, floor.xyz_m, RELATIVE_COST_TOLERANCE)
     return time.perf_counter() - begin_s, bundle.world_from_vehicle
 
 
-def _farthest(poses: FloatArray, expected: FloatArray) -> float:
+def _largest_distance_m(poses: FloatArray, expected: FloatArray) -> float:
     return float(np.linalg.norm((poses - expected)[:, :3, 3], axis=1).max())
 
 
 def make_bearing_factor(pose_key: int, point_key: int, bearing_rad: float, sigma_rad: float) -> Any:
-    """Write :func:`asfm.backend.graph.factors.bearing_factor` without a lever arm as a factor in Python.
+    """Return :func:`asfm.backend.graph.factors.bearing_factor` without a lever arm as a factor in Python.
 
     The error is (x, y) / z of the point in the beam's frame (x lateral, y vertical, z along the beam).
     """
     beam_from_sonar = sonar_from_beam(bearing_rad).matrix().T
 
-    def see(factor: Any, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
-        in_sonar_m, sonar_from_world = _enter_sonar(values, pose_key, point_key)
+    def error_and_jacobians(factor: Any, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
+        in_sonar_m, sonar_from_world = _point_in_sonar(values, pose_key, point_key)
         x, y, z = beam_from_sonar @ in_sonar_m
         if jacobians is not None:
-            of_point = np.array([[1 / z, 0, -x / z**2], [0, 1 / z, -y / z**2]]) @ beam_from_sonar
-            jacobians[0] = of_point @ _move_with_pose(in_sonar_m)
-            jacobians[1] = of_point @ sonar_from_world
+            by_point = np.array([[1 / z, 0, -x / z**2], [0, 1 / z, -y / z**2]]) @ beam_from_sonar
+            jacobians[0] = by_point @ _pose_jacobian(in_sonar_m)
+            jacobians[1] = by_point @ sonar_from_world
         return np.array([x / z, y / z])
 
-    return gtsam.CustomFactor(cauchy(np.array([sigma_rad, UNKNOWN_ELEVATION_SIGMA])), [pose_key, point_key], see)
+    return gtsam.CustomFactor(
+        cauchy(np.array([sigma_rad, UNKNOWN_ELEVATION_SIGMA])), [pose_key, point_key], error_and_jacobians
+    )
 
 
 def make_range_factor(pose_key: int, point_key: int, range_m: float, sigma_m: float) -> Any:
-    """Write :func:`asfm.backend.graph.factors.range_factor` without a lever arm as a factor in Python."""
+    """Return :func:`asfm.backend.graph.factors.range_factor` without a lever arm as a factor in Python."""
 
-    def see(factor: Any, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
-        in_sonar_m, sonar_from_world = _enter_sonar(values, pose_key, point_key)
+    def error_and_jacobians(factor: Any, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
+        in_sonar_m, sonar_from_world = _point_in_sonar(values, pose_key, point_key)
         distance_m = np.sqrt(in_sonar_m @ in_sonar_m)
         if jacobians is not None:
-            of_point = in_sonar_m[None] / distance_m
-            jacobians[0] = of_point @ _move_with_pose(in_sonar_m)
-            jacobians[1] = of_point @ sonar_from_world
+            by_point = in_sonar_m[None] / distance_m
+            jacobians[0] = by_point @ _pose_jacobian(in_sonar_m)
+            jacobians[1] = by_point @ sonar_from_world
         return np.array([distance_m - range_m])
 
-    return gtsam.CustomFactor(cauchy(np.array([sigma_m])), [pose_key, point_key], see)
+    return gtsam.CustomFactor(cauchy(np.array([sigma_m])), [pose_key, point_key], error_and_jacobians)
 
 
-def _enter_sonar(values: gtsam.Values, pose_key: int, point_key: int) -> tuple[FloatArray, FloatArray]:
-    """Bring a point into the frame of a pose: (3,) point and (3, 3) rotation from the world."""
+def _point_in_sonar(values: gtsam.Values, pose_key: int, point_key: int) -> tuple[FloatArray, FloatArray]:
+    """Return a point in the frame of a pose (3,), and the rotation from the world (3, 3)."""
     pose = values.atPose3(pose_key)
     rotation = pose.rotation().matrix().T
     return rotation @ (values.atPoint3(point_key) - pose.translation()), rotation
 
 
-def _move_with_pose(in_sonar_m: FloatArray) -> FloatArray:
-    """Derive a point in the frame of a pose by the pose (rotation, translation in its own frame): (3, 6)."""
+def _pose_jacobian(in_sonar_m: FloatArray) -> FloatArray:
+    """Return the derivative (3, 6) of a point in a pose's frame by rotation and translation of that frame."""
     x, y, z = in_sonar_m
     return np.array([[0, -z, y, -1, 0, 0], [z, 0, -x, 0, -1, 0], [-y, x, 0, 0, 0, -1]], dtype=float)

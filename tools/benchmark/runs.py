@@ -1,4 +1,4 @@
-"""Measure whole runs of ``asfm run``, each in a process of its own: error, time, memory and warnings."""
+"""Runs of ``asfm run``, each in a process of its own: pose error, wall time, memory and warnings."""
 
 import json
 import subprocess
@@ -11,13 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from asfm.commands.text import align
-
-ATE = "ATE RMSE, SE(3)-aligned, scale off"
-PATH_SHARE = "ATE RMSE / path length, SE(3)-aligned, scale off"
+from asfm.evaluation.pose_error_table import ATE_OVER_PATH, ATE_RMSE
 
 SONAR_ALONE = ("backend.use_odometry=false", "backend.use_navigation=false")
 
-REACH: tuple[tuple[str, str, tuple[str, ...]], ...] = (
+PUBLIC_RUNS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("oculus_tank_b", "oculus_tank_b", ()),
     ("oculus_tank_a", "oculus_tank_a", ()),
     ("simulated_seafloor", "simulated_seafloor", ()),
@@ -26,16 +24,16 @@ REACH: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("turtle_sim", "turtle_sim", ()),
     ("holoocean_boat", "holoocean_boat", ()),
 )
-"""The public rows, in order: title, path below the data folder, settings."""
+"""The runs on public recordings, in order: title, path below the data folder, settings."""
 
 
 @dataclass(frozen=True)
 class RunMeasure:
-    """What one run took and how far it is from the truth."""
+    """Time, memory and pose error of one run."""
 
     frames: int
     wall_s: float
-    """Of the whole process, its imports included."""
+    """Of the whole process, with its imports."""
     peak_mb: float
     """Largest resident memory of the process."""
     stages: tuple[dict[str, Any], ...]
@@ -43,28 +41,28 @@ class RunMeasure:
     warnings: tuple[str, ...]
     """The diagnostics in report.json: message and code."""
     ate_m: float | None
-    """SE(3)-aligned, scale off; None where nothing true is known. The next three are None where they do not exist."""
+    """RMSE, SE(3)-aligned, scale off; None without true poses, as are the next three where they do not exist."""
     odometry_ate_m: float | None
     ratio: float | None
     """ATE / odometry's ATE."""
     path_percent: float | None
-    """ATE in per cent of the reference's path length."""
+    """ATE in percent of the reference's path length."""
 
 
 class RunFailed(Exception):
-    """A run ended with another code than 0; the message says why."""
+    """A run exited with another code than 0; the message is its error."""
 
 
 def measure_run(sequence: Path, settings: Sequence[str] = (), recording: bool = False) -> RunMeasure:
-    """Run ``asfm run`` in a child process with results in a temporary folder.
+    """Run ``asfm run`` in a child process, with its results in a temporary folder.
 
     Args:
-        sequence: of any format that is read.
+        sequence: path of a sequence of any supported format.
         settings: each as section.key=value.
-        recording: let it make the viewer's recording too, as it does by default.
+        recording: make the viewer's recording too, which is asfm's default.
 
     Raises:
-        RunFailed: the child did not end well.
+        RunFailed: the child exited with an error.
     """
     with tempfile.TemporaryDirectory() as scratch:
         results = Path(scratch) / "results"
@@ -82,18 +80,18 @@ def measure_run(sequence: Path, settings: Sequence[str] = (), recording: bool = 
     return summarise(report, rows, wall_s)
 
 
-def _explain_failure(code: int, said: str) -> str:
-    """Give the one line that asfm ends with; of a defect, the exception and what it says first."""
-    traceback = said.rpartition("Traceback (most recent call last):\n")[2] if code == 1 else ""
+def _explain_failure(code: int, stderr: str) -> str:
+    """Return the last line of asfm's error output; for a defect, the exception and the first lines of its message."""
+    traceback = stderr.rpartition("Traceback (most recent call last):\n")[2] if code == 1 else ""
     exception = [line.strip() for line in traceback.splitlines() if line.strip() and not line.startswith(" ")]
-    last = said.strip().splitlines()[-1:] or [f"ended with code {code}"]
+    last = stderr.strip().splitlines()[-1:] or [f"ended with code {code}"]
     return " ".join(exception[:3] or last)
 
 
 def summarise(report: dict[str, Any], rows: list[dict[str, Any]], wall_s: float) -> RunMeasure:
-    """Pick what counts from report.json and the rows of evaluation.json."""
-    by_name = {row["name"]: row for row in rows}
-    error = by_name.get(ATE, {})
+    """Collect the measures from report.json and the rows of evaluation.json."""
+    by_key = {row["key"]: row for row in rows}
+    error = by_key.get(ATE_RMSE, {})
     return RunMeasure(
         frames=report["sequence"]["frames"],
         wall_s=wall_s,
@@ -103,12 +101,12 @@ def summarise(report: dict[str, Any], rows: list[dict[str, Any]], wall_s: float)
         ate_m=error.get("value"),
         odometry_ate_m=error.get("odometry"),
         ratio=error.get("ratio"),
-        path_percent=by_name.get(PATH_SHARE, {}).get("value"),
+        path_percent=by_key.get(ATE_OVER_PATH, {}).get("value"),
     )
 
 
 def describe_run(run: RunMeasure) -> list[str]:
-    """Tell everything about one run, with a line a stage."""
+    """Return the lines that describe one run, with one line a stage."""
     lines = align(
         [
             ("frames", str(run.frames), ""),
@@ -129,10 +127,10 @@ def describe_run(run: RunMeasure) -> list[str]:
 
 
 def tabulate_public(data: Path, recording: bool = False) -> tuple[list[str], bool]:
-    """Measure the public rows one after the other; gives the table's lines and whether all of them ran."""
+    """Measure the public runs one after the other and return the table's lines, and whether all runs succeeded."""
     table = [("run", "frames", "ATE m", "ratio or path", "wall s", "peak MB", "warnings")]
     failures = []
-    for title, path, settings in REACH:
+    for title, path, settings in PUBLIC_RUNS:
         try:
             table.append((title, *_cells(measure_run(data / path, settings, recording))))
         except RunFailed as failure:

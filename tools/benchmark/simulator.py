@@ -1,7 +1,7 @@
-"""Time the simulator against Embree alone, which casts the same rays in the same run.
+"""Speed of the simulator beside that of Embree alone, which casts the same rays in the same run.
 
-Run as ``python -m tools.benchmark.simulator [SCENE | all] [--sonar PRESET] [--threads N ...]``. Frames and bare
-ray casts take turns, so that a busy machine slows both alike; what counts is the ratio of the medians.
+Run as ``python -m tools.benchmark.simulator [SCENE | all] [--sonar PRESET] [--threads N ...]``. Frames and bare ray
+casts alternate, so that a busy machine slows both alike; the ratio of the medians is the result.
 """
 
 import argparse
@@ -23,7 +23,7 @@ ROUNDS = 7
 
 
 def prepare_rays(renderer: Renderer, poses: FloatArray) -> list[tuple[ImageArray, ImageArray]]:
-    """Give Embree's own input for every pose, so that nothing but Embree is timed."""
+    """Return Embree's input, origins and directions, for every (N, 4, 4) pose, so that Embree alone is timed."""
     rays = []
     for pose in poses:
         ahead = aim_rays(pose[:3, :3].astype(np.float32), renderer.fan.direction)
@@ -33,14 +33,14 @@ def prepare_rays(renderer: Renderer, poses: FloatArray) -> list[tuple[ImageArray
 
 
 def time_once(work: Callable[[int], object], pool: ThreadPoolExecutor) -> float:
-    """Seconds a frame."""
+    """Return the seconds a frame."""
     begin = time.perf_counter()
     list(pool.map(work, range(FRAMES)))
     return (time.perf_counter() - begin) / FRAMES
 
 
 def time_frames(simulated: SimulatedSequence, threads: int) -> tuple[float, float]:
-    """Seconds a frame of the simulator, and of Embree alone: medians over the rounds."""
+    """Return the seconds a frame of the simulator, and of Embree alone: medians over the rounds."""
     renderer, truth = simulated.renderer, simulated.sequence.groundtruth
     assert truth is not None
     rays = prepare_rays(renderer, truth.world_from_vehicle)
@@ -53,15 +53,15 @@ def time_frames(simulated: SimulatedSequence, threads: int) -> tuple[float, floa
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print a row a scene and number of threads: frames a second, Embree's million rays a second, share of its rate."""
+    """Print frames a second, Embree's rays a second and their ratio, a row for each scene and number of threads."""
     parser = argparse.ArgumentParser(
         prog="python -m tools.benchmark.simulator",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("scene", nargs="?", default="seafloor", help="name of a scene, a mesh file, or all")
-    parser.add_argument("--sonar", default="oculus_m750d_high")
-    parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--sonar", default="oculus_m750d_high", help="name of a preset")
+    parser.add_argument("--threads", type=int, nargs="+", default=[1, 2], help="numbers of threads, each timed")
     chosen = parser.parse_args(arguments)
     print(
         f"{'scene':<20} {'faces':>8} {'beams x rays':>12} {'threads':>7} {'frames/s':>8} {'Embree Mrays/s':>14} share"

@@ -1,15 +1,14 @@
-"""Fit the simulator's background noise to recorded pings of empty water.
+"""Maximum-likelihood fit of the simulator's background noise to recorded pings of empty water.
 
 Run as ``python -m tools.calibration.fit_noise SEQUENCE``, where SEQUENCE is a sequence of any format, or a bare
 folder of 8- or 16-bit grey PNGs (rows are ranges) with ``--range NEAR FAR``. Prints the values for ImagingSonar
-(AddSigma, near_sigma, near_exponent, threshold, azimuth_edge_db) and how far the
-fitted distribution is from the recorded one (Kolmogorov's distance, over all pixels and by zones of range).
+(AddSigma, near_sigma, near_exponent, threshold, azimuth_edge_db) and the Kolmogorov-Smirnov distance of the fitted
+distribution from the recorded one, over all pixels and by zones of range.
 
-The model is the simulator's own (asfm/simulation/acoustics/receiver.py): Rayleigh noise whose power is the
-receiver's plus the water's reverberation, which falls with range and off the axis; the
-sonar takes a threshold off and cuts what is below.
-Maximum likelihood over counts, so that the pile of zeros below the threshold counts as what it is. Speckle cannot be
-seen in empty water: MultSigma is not fitted.
+The model is the simulator's (asfm/simulation/acoustics/receiver.py): Rayleigh noise whose power is the receiver's plus
+the water's reverberation, which falls with range and off the axis; the sonar subtracts a threshold and clips at zero.
+The likelihood is that of the pixel counts, so that the zeros below the threshold are modelled too. Empty water has no
+speckle: MultSigma is not fitted.
 """
 
 import argparse
@@ -29,33 +28,39 @@ from asfm.types import FloatArray, IntArray
 
 ZONES, COLUMNS, REPORTED_ZONES = 16, 96, 4
 FITTED = ("add_sigma", "near_sigma", "near_exponent", "threshold", "azimuth_edge_db")
-START = np.array([np.log(0.03), np.log(0.07), 1.0, 0.05, -15.0])
-"""The same, the sigmas as logarithms."""
+INITIAL = np.array([np.log(0.03), np.log(0.07), 1.0, 0.05, -15.0])
+"""Initial values of FITTED, the sigmas as logarithms."""
 
 
 @dataclass(frozen=True)
 class Counts:
-    """Histograms of pixel counts by cells of the image: ``histogram`` is (zones, columns, 256)."""
+    """Histograms of pixel counts in cells of the image."""
 
     histogram: IntArray
+    """(zones, columns, 256)"""
     range_m: FloatArray
-    """(zones,) middle of each."""
+    """(zones,) mean range of each."""
     off_axis: FloatArray
-    """(columns,) bearing over the outermost bearing."""
+    """(columns,) RMS bearing over the outermost bearing."""
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A sonar with the fitted noise, and how well it fits."""
+    """A sonar with fitted noise, and its distance from the recorded distribution."""
 
     sonar: ImagingSonar
     distance: float
-    """Kolmogorov's distance over all pixels."""
+    """Kolmogorov-Smirnov distance over all pixels."""
     zone_distances: tuple[float, ...]
+    """The same by zones of range."""
 
 
 def read_pings(path: Path) -> FloatArray:
-    """Read a sequence, or a folder of PNGs, as (pings, ranges, beams) of 0..255."""
+    """Read a sequence, or a folder of PNGs, as (pings, ranges, beams) of 0..255.
+
+    Raises:
+        AsfmError: the images differ in size, or the path is no sequence.
+    """
     import cv2
 
     from asfm.datasets import open_sequence
@@ -70,7 +75,7 @@ def read_pings(path: Path) -> FloatArray:
 
 
 def gather_counts(pings: FloatArray, sonar: ImagingSonar) -> Counts:
-    """Sort the pixels of (pings, ranges, beams) of 0..255 into cells of the image."""
+    """Count the pixels of (pings, ranges, beams) of 0..255 in cells of the image."""
     model = make_sonar_model(sonar)
     rows = np.array_split(np.arange(pings.shape[1]), ZONES)
     columns = np.array_split(np.arange(pings.shape[2]), COLUMNS)
@@ -84,41 +89,43 @@ def gather_counts(pings: FloatArray, sonar: ImagingSonar) -> Counts:
     )
 
 
-def predict_shares(sigma: FloatArray, threshold: float) -> FloatArray:
-    """Share of each of 256 counts of Rayleigh noise less a threshold: sigma's shape + (256,)."""
+def count_probabilities(sigma: FloatArray, threshold: float) -> FloatArray:
+    """Return the probability of each of 256 counts of Rayleigh noise minus a threshold: shape of sigma + (256,)."""
     edges = (np.arange(255) + 0.5) / 255 + threshold
     below = -np.expm1(-0.5 * (edges / sigma[..., None]) ** 2)
     return np.diff(below, axis=-1, prepend=0.0, append=1.0)
 
 
 def fit_noise(pings: FloatArray, sonar: ImagingSonar) -> Fit:
-    """Fit the background of a sonar to (pings, ranges, beams) of 0..255."""
+    """Fit the background noise of a sonar to (pings, ranges, beams) of 0..255 by maximum likelihood."""
     counts = gather_counts(pings, sonar)
     nearest_m = max(sonar.range_min, make_sonar_model(sonar).range_step_m)
 
-    def misfit(values: FloatArray) -> float:
-        noise = name_values(values)
+    def negative_log_likelihood(values: FloatArray) -> float:
+        noise = to_parameters(values)
         if not 0 <= noise["threshold"] < 1 or noise["azimuth_edge_db"] > 0 or noise["near_exponent"] < 0:
             return 1e12
         fall = (nearest_m / np.maximum(counts.range_m, nearest_m)) ** noise["near_exponent"]
         pattern = 10 ** (noise["azimuth_edge_db"] * counts.off_axis**2 / 10)
         sigma = np.sqrt(noise["add_sigma"] ** 2 + (noise["near_sigma"] * fall[:, None]) ** 2 * pattern)
-        shares = predict_shares(sigma, noise["threshold"])
+        shares = count_probabilities(sigma, noise["threshold"])
         return -float((counts.histogram * np.log(np.maximum(shares, 1e-12))).sum() / counts.histogram.sum())
 
-    best = minimize(misfit, START, method="Nelder-Mead", options={"maxiter": 4000, "xatol": 1e-5, "fatol": 1e-10})
-    return judge_fit(pings, sonar.model_copy(update=name_values(best.x)))
+    best = minimize(
+        negative_log_likelihood, INITIAL, method="Nelder-Mead", options={"maxiter": 4000, "xatol": 1e-5, "fatol": 1e-10}
+    )
+    return measure_fit(pings, sonar.model_copy(update=to_parameters(best.x)))
 
 
-def name_values(values: FloatArray) -> dict[str, float]:
-    """Turn what is optimised, (5,) as START, into the sonar's parameters."""
+def to_parameters(values: FloatArray) -> dict[str, float]:
+    """Convert optimised values, (5,) as INITIAL, into parameters of the sonar."""
     return dict(zip(FITTED, (*np.exp(values[:2]).tolist(), *values[2:].tolist()), strict=True))
 
 
-def judge_fit(pings: FloatArray, sonar: ImagingSonar) -> Fit:
-    """Measure how far a sonar's background is from (pings, ranges, beams) of 0..255."""
+def measure_fit(pings: FloatArray, sonar: ImagingSonar) -> Fit:
+    """Measure the distance of a sonar's background noise from (pings, ranges, beams) of 0..255."""
     sigma = np.broadcast_to(background_sigma(sonar, make_sonar_model(sonar)), pings.shape[1:]).astype(float)
-    shares = np.cumsum(predict_shares(sigma, sonar.threshold), axis=-1)
+    shares = np.cumsum(count_probabilities(sigma, sonar.threshold), axis=-1)
     counts = np.round(pings).astype(np.int64)
 
     def distance(rows: slice) -> float:
@@ -131,20 +138,28 @@ def judge_fit(pings: FloatArray, sonar: ImagingSonar) -> Fit:
 
 
 def describe_fit(title: str, fit: Fit) -> str:
-    """Say in two lines what was fitted and how well."""
+    """Return two lines: the parameters and the distances."""
     values = ", ".join(f"{key} {getattr(fit.sonar, key):.4g}" for key in FITTED)
     by_range = " ".join(f"{distance:.4f}" for distance in fit.zone_distances)
-    return f"{title:8s} {values}\n{'':8s} Kolmogorov's distance {fit.distance:.4f}; by range {by_range}"
+    return f"{title:8s} {values}\n{'':8s} Kolmogorov-Smirnov distance {fit.distance:.4f}; by range {by_range}"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Fit, and print."""
+    """Fit the noise and print it beside the shipped one."""
     parser = argparse.ArgumentParser(
         prog="python -m tools.calibration.fit_noise", description=(__doc__ or "").splitlines()[0]
     )
-    parser.add_argument("sequence", type=Path)
-    parser.add_argument("--sonar", default="didson", choices=sorted(PRESETS), help="preset whose grid the pings have")
-    parser.add_argument("--range", nargs=2, type=float, metavar=("NEAR", "FAR"), help="where they differ from its own")
+    parser.add_argument("sequence", type=Path, help="sequence of any format, or folder of PNGs")
+    parser.add_argument(
+        "--sonar", default="didson", choices=sorted(PRESETS), help="preset with the pixel grid of the pings"
+    )
+    parser.add_argument(
+        "--range",
+        nargs=2,
+        type=float,
+        metavar=("NEAR", "FAR"),
+        help="range edges in metres, where they differ from the preset's",
+    )
     chosen = parser.parse_args(arguments)
     sonar = PRESETS[chosen.sonar]
     if chosen.range:
@@ -157,7 +172,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"fit_noise: {error}")
         return 2
     sonar = sonar.model_copy(update={"range_bins": pings.shape[1]})
-    print(describe_fit("shipped", judge_fit(pings, sonar)))
+    print(describe_fit("shipped", measure_fit(pings, sonar)))
     print(describe_fit("fitted", fit_noise(pings, sonar)))
     return 0
 

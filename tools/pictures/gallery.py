@@ -1,4 +1,4 @@
-"""Draw the README's gallery: a recorded ping beside a simulated one, and simulated sonars before other scenes.
+"""Gallery of the README: a recorded ping beside a simulated one, and simulated sonars in other scenes.
 
 Run as ``python -m tools.pictures.gallery RECORDING OUTPUT.png``. The README's picture takes the Oculus ping that
 liboculus tests itself with, ``one_ping_8bit.raw``. Publish only recordings whose licence allows it.
@@ -30,25 +30,26 @@ WIDTH_PX = 1280
 UPPER_PX, LOWER_PX = 560, 276
 MARGIN_PX, LABEL_PX = 16, 60
 UPPER_GAMMA, LOWER_GAMMA = 0.5, 0.75
-"""Amplitudes are shown to this power: as the recorded ping was sent; a little above what is linear."""
+"""Exponents of the displayed amplitudes: the recorded ping's own encoding; slightly brighter than linear."""
 SHADES = 48
-"""Fewer than 256: what the eye does not tell apart would double the file."""
+"""Grey levels. 256 would double the file without a visible difference."""
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 BACKGROUND, INK, FAINT_INK = (20, 14, 11), (236, 230, 224), (170, 160, 150)
-"""Blue, green, red."""
+"""Colours in the order blue, green, red."""
 HEIGHT_M, DEPRESSION_DEG = 0.6, 38.4
-"""Of a sonar of 12 degrees that hears a bottom from 0.85 to 1.11 m at half amplitude, as the recorded one does."""
+"""Pose of a sonar with 12 degrees of aperture that receives the bottom from 0.85 to 1.11 m at half amplitude, as in the
+recorded ping."""
 SHOWN = (
     ("hull", "didson", "hull", 37),
     ("pier", "oculus_m750d_high", "pier", 2),
     ("wreck", "blueview_p900", "wreck", 20),
     ("seafloor", "aris_3000", "boulders", 2),
 )
-"""Scene, sonar, and what the label calls the scene, frame."""
+"""Scene, sonar, name of the scene in the label, frame."""
 
 
 def imitate_sonar(model: SonarModel) -> ImagingSonar:
-    """Give the simulated Oculus a recorded one's grid, the noise fitted to the README's ping, and full speckle."""
+    """Return the simulated Oculus with a recorded one's grid, noise fitted to the README's ping, and full speckle."""
     preset, edges_m = find_preset("oculus_m1200d_high"), model.range_edges_m
     grid = {
         "name": f"simulated {model.name}",
@@ -58,20 +59,20 @@ def imitate_sonar(model: SonarModel) -> ImagingSonar:
         "azimuth_bins": model.shape[1],
         "bearings_deg": tuple(np.rad2deg(model.bearing_rad).tolist()),
     }
-    # The aperture is where the beam has fallen by 6 dB; a bottom so near is still seen some degrees beyond.
+    # The aperture ends where the beam has fallen by 6 dB; a bottom so near echoes some degrees beyond.
     beam = {"elevation": 28.0, "elevation_edge_db": -6.0 * (28 / 12) ** 2, "elevation_bins": 1000}
     noise = {"add_sigma": 0.038, "noise_range_exponent": 1.65, "mult_sigma": 0.523}
     return ImagingSonar.model_validate(preset.model_dump() | grid | beam | noise)
 
 
 def make_bottom(rng: np.random.Generator) -> Scene:
-    """Lay a bottom with low rises and a few stones."""
+    """Make a sea floor with low rises and a few stones."""
     ground = make_ground((5.0, 5.0), rng, swell_m=0.02, step_m=0.035)
     return join_scenes("bottom", [texture("ground", ground, 0.3, rng), *strew_rocks(ground[0], 1.5, 0.02, rng)])
 
 
 def simulate_bottom(model: SonarModel, seed: int) -> ImageArray:
-    """Render one ping of the bottom with a sonar like the recorded one."""
+    """Simulate one ping of the sea floor with a sonar like the recorded one."""
     from scipy.spatial.transform import Rotation
 
     scene = make_bottom(np.random.default_rng(seed))
@@ -82,7 +83,15 @@ def simulate_bottom(model: SonarModel, seed: int) -> ImageArray:
 
 
 def draw_panel(model: SonarModel, image: ImageArray, size: tuple[int, float], title: str, subtitle: str) -> Picture:
-    """Draw a polar image as a fan in a panel of a given height, to a given power, with two lines below."""
+    """Draw a polar image as a fan in a panel, with two lines of text below.
+
+    Args:
+        model: sonar of the image.
+        image: (ranges, beams) in 0..1.
+        size: height of the panel in pixels, and the exponent of the displayed amplitudes.
+        title: first line.
+        subtitle: second line.
+    """
     height_px, gamma = size
     fan = FanGrid.fit(model, 4 * height_px, height_px)
     shade = np.round(fan.draw(np.clip(image, 0, 1)) ** gamma * (SHADES - 1))
@@ -101,7 +110,7 @@ def draw_panel(model: SonarModel, image: ImageArray, size: tuple[int, float], ti
 
 
 def join_row(panels: list[Picture]) -> Picture:
-    """Spread panels of one height over the picture's width."""
+    """Join panels of one height to a row of the picture's width."""
     spare_px = WIDTH_PX - sum(panel.shape[1] for panel in panels)
     row = np.full((panels[0].shape[0] + MARGIN_PX, WIDTH_PX, 3), BACKGROUND, dtype=np.uint8)
     left_px = spare_px // (len(panels) + 1)
@@ -112,23 +121,23 @@ def join_row(panels: list[Picture]) -> Picture:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Write the picture."""
+    """Draw the gallery and write it."""
     parser = argparse.ArgumentParser(
         prog="python -m tools.pictures.gallery",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("recording", type=Path)
-    parser.add_argument("output", type=Path)
-    parser.add_argument("--frame", type=int, default=0, help="of the recording")
-    parser.add_argument("--seed", type=int, default=11, help="of the simulated bottom")
+    parser.add_argument("recording", type=Path, help="sequence with the recorded ping")
+    parser.add_argument("output", type=Path, help="PNG to write")
+    parser.add_argument("--frame", type=int, default=0, help="frame of the recording")
+    parser.add_argument("--seed", type=int, default=11, help="seed of the simulated sea floor")
     chosen = parser.parse_args(arguments)
-    recorded = open_sequence(chosen.recording)
-    real, model, size = recorded.read_frame(chosen.frame).amplitude, recorded.sonar, (UPPER_PX, UPPER_GAMMA)
-    alike = simulate_bottom(model, chosen.seed)
+    sequence = open_sequence(chosen.recording)
+    recorded_image, model, size = sequence.read_frame(chosen.frame).amplitude, sequence.sonar, (UPPER_PX, UPPER_GAMMA)
+    simulated_image = simulate_bottom(model, chosen.seed)
     upper = [
-        draw_panel(model, real, size, "recorded", model.name),
-        draw_panel(model, alike, size, "simulated", "a sea floor, on the same grid of ranges and beams"),
+        draw_panel(model, recorded_image, size, "recorded", model.name),
+        draw_panel(model, simulated_image, size, "simulated", "a sea floor, on the same grid of ranges and beams"),
     ]
     lower = []
     for scene, preset, title, index in SHOWN:

@@ -1,4 +1,4 @@
-"""Make the picture of the README: what ``asfm demo`` shows, photographed in the real viewer without a screen.
+"""Screenshot of the README: the recording of ``asfm demo`` in the Rerun viewer, taken without a screen.
 
 Run as ``python -m tools.pictures.viewer``; takes about a minute. Needs Xvfb and a software Vulkan driver, on Debian and
 Ubuntu ``apt install xvfb mesa-vulkan-drivers``, and Pillow, which scikit-image brings along.
@@ -23,11 +23,11 @@ from asfm.visualization.rerun_recorder import RerunRecorder
 
 WINDOW_PX = (1600, 900)
 SCREEN_PX = (7000, 4000)
-"""Much larger than the window, which may be drawn at twice its size: the pointer rests in the middle of the screen,
-and over a view it would open a tooltip."""
+"""Much larger than the window, which may be drawn at twice its size: the pointer is in the middle of the screen, and
+over a view it would open a tooltip."""
 GREYS, COLOURS = 64, 192
-"""Of the palette; speckle does not compress, and more greys do not show."""
-PATIENCE_S = 180.0
+"""Sizes of the palette's parts; speckle does not compress, and more greys make no visible difference."""
+TIMEOUT_S = 180.0
 
 
 def record_scene(scene: str, frame_count: int, seed: int, recording: Path) -> None:
@@ -38,14 +38,16 @@ def record_scene(scene: str, frame_count: int, seed: int, recording: Path) -> No
     recorder.close()
 
 
-def photograph(recording: Path, picture: Path) -> None:
-    """Open a recording in the viewer on a virtual screen and save what it draws.
+def take_screenshot(recording: Path, picture: Path) -> None:
+    """Open a recording in the viewer on a virtual screen and save a screenshot.
 
     Raises:
-        SystemExit: there is no virtual screen, or the viewer draws nothing.
+        SystemExit: xvfb-run is not installed, or the viewer writes no screenshot.
     """
     if shutil.which("xvfb-run") is None:
-        raise SystemExit("this needs xvfb-run; on Debian and Ubuntu: apt install xvfb mesa-vulkan-drivers")
+        raise SystemExit(
+            "expected the program xvfb-run, found none: on Debian and Ubuntu, apt install xvfb mesa-vulkan-drivers"
+        )
     width, height = WINDOW_PX
     screen = ["xvfb-run", "-a", "-s", f"-screen 0 {SCREEN_PX[0]}x{SCREEN_PX[1]}x24"]
     viewer = [sys.executable, "-m", "rerun", "--new", "--bind", "127.0.0.1", str(recording)]
@@ -55,23 +57,25 @@ def photograph(recording: Path, picture: Path) -> None:
         subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT, start_new_session=True) as process,
     ):
         try:
-            process.wait(PATIENCE_S)
+            process.wait(TIMEOUT_S)
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGTERM)
         if not picture.is_file():
             log.seek(0)
-            raise SystemExit(f"the viewer drew nothing:\n{log.read().decode(errors='replace')}")
+            raise SystemExit(
+                f"expected a screenshot from the viewer, found none:\n{log.read().decode(errors='replace')}"
+            )
 
 
 def compress_picture(source: Path, target: Path) -> None:
     """Scale a screenshot to the size of its window and reduce it to a palette.
 
-    A palette for the whole picture would be all greys: lines and points are few pixels and get colours of their own.
+    Greys and colours have palettes of their own: lines and points are few pixels and would lose their colours in one.
     """
     with Image.open(source) as screenshot:
         small = screenshot.convert("RGB").resize(WINDOW_PX, Image.Resampling.LANCZOS)
     pixels = np.asarray(small).reshape(-1, 3)
-    colourful = np.unique(pixels[np.ptp(pixels, axis=1) > 40], axis=0)  # each once: what is rare counts too
+    colourful = np.unique(pixels[np.ptp(pixels, axis=1) > 40], axis=0)  # each colour once, so that rare ones count too
     chosen = Image.fromarray(colourful[None]).quantize(COLOURS, kmeans=1).getpalette() or []
     greys = np.repeat(np.linspace(0, 255, GREYS).astype(int), 3).tolist()
     palette = Image.new("P", (1, 1))
@@ -81,19 +85,19 @@ def compress_picture(source: Path, target: Path) -> None:
 
 
 def main() -> None:
-    """Make the picture."""
+    """Simulate, reconstruct and take the screenshot."""
     parser = argparse.ArgumentParser(
         prog="python -m tools.pictures.viewer", description=str(__doc__).partition("\n")[0]
     )
-    parser.add_argument("--scene", default="seafloor")
-    parser.add_argument("--frames", type=int, default=80)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--output", type=Path, default=Path(__file__).parent / "viewer.png")
+    parser.add_argument("--scene", default="seafloor", help="scene to simulate")
+    parser.add_argument("--frames", type=int, default=80, help="number of frames")
+    parser.add_argument("--seed", type=int, default=0, help="of the simulation")
+    parser.add_argument("--output", type=Path, default=Path(__file__).parent / "viewer.png", help="PNG to write")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         recording, screenshot = Path(folder) / "run.rrd", Path(folder) / "screenshot.png"
         record_scene(options.scene, options.frames, options.seed, recording)
-        photograph(recording, screenshot)
+        take_screenshot(recording, screenshot)
         compress_picture(screenshot, options.output)
     print(f"{options.output}: {options.output.stat().st_size / 1e3:.0f} kB")
 
