@@ -118,7 +118,7 @@ def make_bearing_factor(pose_key: int, point_key: int, bearing_rad: float, sigma
     """
     beam_from_sonar = sonar_from_beam(bearing_rad).matrix().T
 
-    def error_and_jacobians(factor: Any, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
+    def error_and_jacobians(_factor: Any, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
         in_sonar_m, sonar_from_world = _point_in_sonar(values, pose_key, point_key)
         x, y, z = beam_from_sonar @ in_sonar_m
         if jacobians is not None:
@@ -135,7 +135,7 @@ def make_bearing_factor(pose_key: int, point_key: int, bearing_rad: float, sigma
 def make_range_factor(pose_key: int, point_key: int, range_m: float, sigma_m: float) -> Any:
     """Return :func:`asfm.backend.graph.factors.range_factor` without a lever arm as a factor in Python."""
 
-    def error_and_jacobians(factor: Any, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
+    def error_and_jacobians(_factor: Any, values: gtsam.Values, jacobians: list[FloatArray] | None) -> FloatArray:
         in_sonar_m, sonar_from_world = _point_in_sonar(values, pose_key, point_key)
         distance_m = np.sqrt(in_sonar_m @ in_sonar_m)
         if jacobians is not None:
