@@ -1,20 +1,36 @@
 """Command ``asfm evaluate``: compare the results of a run with ground truth."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
+from asfm.config import Config
 from asfm.config_file import load_config
 from asfm.datasets import open_sequence, open_truth
+from asfm.datasets.hloc.features_matches import read_hloc
+from asfm.datasets.hloc.image_names import name_images
 from asfm.datasets.tables import read_tum
 from asfm.errors import AsfmError
 from asfm.evaluation.accuracy_bound import add_bound, measure_bound
+from asfm.evaluation.covariance_consistency import evaluate_consistency
+from asfm.evaluation.matching import evaluate_matching
 from asfm.evaluation.pose_error_table import EvaluationTable, evaluate_sequence, evaluate_trajectory
+from asfm.geometry.poses import interpolate, invert, pose_log
 from asfm.results.evaluation_json import write_evaluation
+from asfm.results.points_ply import read_points
+from asfm.results.pose_covariances_csv import read_pose_covariances
 from asfm.results.report_json import read_report
-from asfm.results.results_folder import CONFIG, TRACKS, TRAJECTORY
+from asfm.results.results_folder import CONFIG, FEATURES, MATCHES, POINTS, POSE_COVARIANCES, TRACKS, TRAJECTORY
 from asfm.results.tracks_csv import read_tracks
 from asfm.results.trajectory_tum import read_trajectory
 from asfm.sequence import Sequence
-from asfm.types import Trajectory
+from asfm.types import BoolArray, FloatArray, IntArray, Trajectory
+
+NEEDED = (TRACKS, POINTS, POSE_COVARIANCES, FEATURES, MATCHES)
+"""Files that the comparison with ground truth reads besides the trajectory."""
+SAME_WORLD_RAD, SAME_WORLD_M = 0.2, 1.0
+"""Odometry and true poses that start this near each other are in one world."""
 
 
 def evaluate_folder(folder: Path, reference: Path | None = None) -> EvaluationTable:
@@ -49,18 +65,65 @@ def _compare(folder: Path, source: Path, estimate: Trajectory, truth: Trajectory
         table = evaluate_trajectory(truth, None, estimate)
         return EvaluationTable(table.rows, (*table.notes, f"Without the odometry's row: {error}."))
     table = evaluate_sequence(sequence, estimate, truth)
-    return table if truth is not None else _add_bound(folder, source, sequence, table)
+    return table if truth is not None else _add_truth(folder, source, sequence, table)
 
 
-def _add_bound(folder: Path, source: Path, sequence: Sequence, table: EvaluationTable) -> EvaluationTable:
-    """Add the accuracy bound where the sequence is simulated, or a note on what is missing for it."""
-    read_truth = open_truth(source)
-    if read_truth is None or sequence.groundtruth is None:
+def _add_truth(folder: Path, source: Path, sequence: Sequence, table: EvaluationTable) -> EvaluationTable:
+    """Add what ground truth tells of covariances, matches and the accuracy bound, or a note on what is missing."""
+    if sequence.groundtruth is None:
         return table
-    path = folder / TRACKS
-    if not path.exists():
-        note = f"No bound: the results hold no {TRACKS}, which older versions did not write; run asfm run again."
+    missing = [name for name in NEEDED if not (folder / name).exists()]
+    if missing:
+        note = f"The results hold no {missing[0]}, which older versions did not write; run asfm run again for all rows."
         return EvaluationTable(table.rows, (*table.notes, note))
-    tracks, observed, _ = read_tracks(path, len(sequence))
-    bound = measure_bound(sequence, read_truth, tracks, observed, load_config(folder / CONFIG))
-    return add_bound(table, bound)
+    read_truth, config = open_truth(source), load_config(folder / CONFIG)
+    tracks, observed, landmark = read_tracks(folder / TRACKS, len(sequence))
+    rows = evaluate_consistency(
+        read_trajectory(folder / TRAJECTORY).world_from_vehicle,
+        read_pose_covariances(folder / POSE_COVARIANCES, len(sequence)),
+        _read_landmarks(folder / POINTS, landmark),
+        tracks,
+        sequence,
+        read_truth,
+        own_world=not _starts_at_truth(sequence, config),
+    )
+    if len(sequence) > 1:
+        found = read_hloc(folder / FEATURES, folder / MATCHES, sequence, name_images(source, sequence))
+        rows += evaluate_matching(found.keypoints, found.matches, sequence, read_truth)
+    table = EvaluationTable(table.rows + rows, table.notes)
+    if read_truth is None:
+        return table
+    return add_bound(table, measure_bound(sequence, read_truth, tracks, observed, config))
+
+
+@dataclass(frozen=True)
+class _Landmarks:
+    """The landmarks of a results folder, with their tracks."""
+
+    track: IntArray
+    xyz_m: FloatArray
+    sigma_m: FloatArray
+    well_constrained: BoolArray
+
+
+def _read_landmarks(path: Path, landmark: IntArray) -> _Landmarks:
+    """Join points.ply with the (T,) rows of its points that tracks.csv names."""
+    points = read_points(path)
+    track = np.flatnonzero(landmark >= 0)
+    row = landmark[track]
+    if len(row) != len(points.xyz_m) or not np.array_equal(np.sort(row), np.arange(len(row))):
+        raise AsfmError(f"{path}: expected the points of the tracks in {TRACKS}, found others; run asfm run again")
+    return _Landmarks(track, points.xyz_m[row], points.sigma_m[row], points.well_constrained[row])
+
+
+def _starts_at_truth(sequence: Sequence, config: Config) -> bool:
+    """Return whether odometry, and so the run, is in the world of the true poses, judged by the first pose."""
+    if sequence.odometry is None or sequence.groundtruth is None or not config.backend.use_odometry:
+        return False
+    at_start = sequence.timestamps_s[:1]
+    start, truth = (
+        interpolate(trajectory.timestamps_s, trajectory.world_from_vehicle, at_start)[0]
+        for trajectory in (sequence.odometry, sequence.groundtruth)
+    )
+    apart = pose_log((invert(truth) @ start)[None])[0]
+    return bool(np.linalg.norm(apart[:3]) < SAME_WORLD_RAD and np.linalg.norm(apart[3:]) < SAME_WORLD_M)

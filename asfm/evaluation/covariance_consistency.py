@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -10,12 +11,32 @@ from asfm.evaluation.trajectory import align_first_pose, interpolate_groundtruth
 from asfm.evaluation.true_points import find_true_points
 from asfm.geometry.poses import invert, pose_log, transform
 from asfm.sequence import Sequence
-from asfm.types import FloatArray, FrameTruth, Landmarks, Tracks
+from asfm.types import BoolArray, FloatArray, FrameTruth, IntArray, Tracks
 
 MIN_INLIERS = 2
 """Observations that must agree with a true point before it counts as that of their track."""
 MAX_ERROR_SIGMAS = 3.0
 """Errors up to this many sigmas agree with the covariance."""
+
+
+class PointEstimates(Protocol):
+    """Estimated points: a reconstruction's landmarks, or those read from its files."""
+
+    @property
+    def track(self) -> IntArray:
+        """(L,) the track of each point."""
+
+    @property
+    def xyz_m(self) -> FloatArray:
+        """(L, 3) in the run's world."""
+
+    @property
+    def sigma_m(self) -> FloatArray:
+        """(L,) largest standard deviation."""
+
+    @property
+    def well_constrained(self) -> BoolArray:
+        """(L,) whether the motion determines the elevation."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +107,7 @@ def measure_nees(estimate: FloatArray, truth: FloatArray, covariance: FloatArray
 
 
 def measure_landmarks(
-    landmarks: Landmarks,
+    landmarks: PointEstimates,
     tracks: Tracks,
     sequence: Sequence,
     read_truth: Callable[[int], FrameTruth],
@@ -127,7 +148,7 @@ def pool_landmarks(parts: Iterable[LandmarkConsistency]) -> LandmarkConsistency:
 def evaluate_consistency(
     world_from_vehicle: FloatArray,
     pose_covariance: FloatArray,
-    landmarks: Landmarks,
+    landmarks: PointEstimates,
     tracks: Tracks,
     sequence: Sequence,
     read_truth: Callable[[int], FrameTruth] | None,

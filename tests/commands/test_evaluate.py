@@ -43,16 +43,34 @@ def test_evaluation_of_a_simulated_run_states_its_bound(
     )
     ate_m = evaluate_folder(results).row("ate_rmse_m_se3").value
     assert bound_m > 0 and ate_over_bound == pytest.approx(ate_m / bound_m, rel=0.05)
-    assert '"key": "ate_over_bound"' in (results / "evaluation.json").read_text()
+    found = {row["key"]: row["value"] for row in json.loads((results / "evaluation.json").read_text())["rows"]}
+    assert found["ate_over_bound"] == pytest.approx(ate_over_bound, rel=0.01)
+    assert 0.1 < found["nees_position"] < 10 and 0.1 < found["nees_attitude"] < 10
+    assert found["match_precision_gap_1"] > 0.9 and 0.2 < found["match_recall_gap_1"] < 1
+    assert found["match_count_gap_1"] > found["match_count_gap_8"] > 0
+    assert 0 <= found["landmarks_well_constrained_share"] <= 1
     assert "bound" not in ask("evaluate", results, "--reference", results / "trajectory.tum")
-    table = (results / "tracks.csv").read_text()
-    (results / "tracks.csv").write_text(table.replace(",1\n", ",yes\n", 1))
+    header, first, *rows = (results / "tracks.csv").read_text().splitlines()
+    cells = first.split(",")
+    broken = ",".join([*cells[:6], "yes", *cells[7:]])
+    (results / "tracks.csv").write_text("\n".join([header, broken, *rows]))
     assert run_command_line(["evaluate", str(results)]) == 2
     message = capsys.readouterr().err
     assert "tracks.csv, line " in message and "as used, found 'yes'" in message and message.count("\n") == 1
     (results / "tracks.csv").unlink()
     text = ask("evaluate", results)
-    assert "note: No bound: the results hold no tracks.csv" in text and "ATE / bound" not in text
+    assert "note: The results hold no tracks.csv" in text and "ATE / bound" not in text
+
+
+def test_points_of_another_run_are_refused(demo_folder: Path, tmp_path: Path, capsys: Any) -> None:
+    results = tmp_path / "results"
+    shutil.copytree(demo_folder / "results", results)
+    header, *rows = (results / "tracks.csv").read_text().splitlines()
+    without = [row if row.endswith(",") else row[: row.rindex(",") + 1] for row in rows[: len(rows) // 2]]
+    (results / "tracks.csv").write_text("\n".join([header, *without, *rows[len(rows) // 2 :]]))
+    assert run_command_line(["evaluate", str(results)]) == 2
+    message = capsys.readouterr().err
+    assert "points.ply: expected the points of the tracks" in message and message.count("\n") == 1
 
 
 def test_reference_replaces_the_truth(demo_folder: Path, tmp_path: Path, ask: Ask, capsys: Any) -> None:

@@ -22,6 +22,7 @@ def test_run_writes_all_results(demo_folder: Path) -> None:
     results = demo_folder / "results"
     names = {"trajectory.tum", "points.ply", "pose_sigmas.csv", "tracks.csv", "reconstruction.rrd"}
     names |= {"report.json", "config.yaml", "evaluation.json"}
+    names |= {"pose_covariances.csv", "features.h5", "matches.h5"}
     assert {path.name for path in results.iterdir()} == names
     assert load_config(results / "config.yaml") == Config()
     report = json.loads((results / "report.json").read_text())
