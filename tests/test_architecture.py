@@ -247,3 +247,22 @@ def test_run_time_imports_are_declared() -> None:
     known = set(sys.stdlib_module_names) | {"asfm"}
     names = {name.split(".")[0] for path in package_files() for name in imported_names(path)} - known
     assert {name for name in names if distributions.get(name, name) not in declared} == set()
+
+
+def names_imported_from(path: Path, module: str) -> set[str]:
+    found = (node for node in nodes(path) if isinstance(node, ast.ImportFrom) and node.module == module)
+    return {alias.name for node in found for alias in node.names}
+
+
+@pytest.mark.parametrize(
+    ("package", "foreign"),
+    [
+        ("backend", {"Keypoints", "Matches", "ExternalMatches", "Descriptors", "Frame"}),
+        ("frontend", {"Landmarks", "Reconstruction", "Trajectory", "Navigation"}),
+    ],
+)
+def test_tracks_are_the_only_interface_of_front_end_and_back_end(package: str, foreign: set[str]) -> None:
+    files = [path for path in package_files() if path.is_relative_to(ROOT / package)]
+    used = [names_imported_from(path, "asfm.types") for path in files]
+    assert any("Tracks" in names for names in used)
+    assert {path.name: names & foreign for path, names in zip(files, used, strict=True) if names & foreign} == {}
