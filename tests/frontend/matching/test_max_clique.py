@@ -34,7 +34,7 @@ def largest_by_trying(edges: BoolArray) -> int:
 @given(st.integers(0, 11), st.sampled_from([0.0, 0.3, 0.5, 0.7, 0.9, 1.0]), st.integers(0, 2**32 - 1))
 def test_it_is_as_large_as_by_trying_every_set(count: int, share: float, seed: int) -> None:
     edges = random_graph(np.random.default_rng(seed), count, share)
-    chosen = find_largest_clique(edges, budget=10**6)
+    chosen = find_largest_clique(edges, max_branches=10**6)
     assert chosen.shape == (count,) and chosen.dtype == np.bool_
     assert is_clique(edges, chosen)
     assert chosen.sum() == largest_by_trying(edges)
@@ -54,7 +54,7 @@ def test_a_planted_clique_is_found_among_many(seed: int) -> None:
 def test_without_budget_it_keeps_its_guarantee(seed: int) -> None:
     rng = np.random.default_rng(seed)
     edges = random_graph(rng, 150, 0.5)
-    chosen = find_largest_clique(edges, budget=1)
+    chosen = find_largest_clique(edges, max_branches=1)
     conflicts = (~edges).sum(axis=1) - 1
     assert is_clique(edges, chosen)
     assert chosen.sum() >= (1 / (1 + conflicts)).sum()

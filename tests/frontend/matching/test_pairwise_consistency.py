@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from asfm.frontend.matching.pairwise_consistency import (
-    bound_lengths,
+    distance_bounds_m,
     find_distance_outliers,
     pairwise_distance_consistency,
 )
@@ -32,7 +32,7 @@ def pixels(xyz_m: FloatArray) -> FloatArray:
 def test_bounds_are_those_of_a_search_over_elevations(
     range_m: tuple[float, float], bearing_rad: tuple[float, float], aperture_rad: float
 ) -> None:
-    least, greatest = bound_lengths(np.array(range_m), np.array(bearing_rad), aperture_rad)
+    least, greatest = distance_bounds_m(np.array(range_m), np.array(bearing_rad), aperture_rad)
     elevation_rad = np.linspace(-aperture_rad / 2, aperture_rad / 2, 81)
     first = back_project(np.array(range_m[0]), np.array(bearing_rad[0]), elevation_rad)
     second = back_project(np.array(range_m[1]), np.array(bearing_rad[1]), elevation_rad)

@@ -159,5 +159,5 @@ def test_bad_patches_are_refused_with_one_clear_line() -> None:
                     structural_spatial_loss(bad.astype(np.float32), good, config)
     with pytest.raises(AsfmError, match=r"\(3, 15, 15\)"):
         structural_spatial_loss(good, good[:3], BOTH)
-    with pytest.raises(AsfmError, match="equal patches"):
+    with pytest.raises(AsfmError, match="square patches"):
         structural_spatial_loss(good[:, :14], good[:, :14], BOTH)
