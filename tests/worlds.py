@@ -62,6 +62,17 @@ def make_keypoints(
     )
 
 
+def observe_points(
+    xyz_m: FloatArray,
+    descriptors: Descriptors | None = None,
+    patches: NDArray[np.floating] | None = None,
+    sonar: SonarModel | None = None,
+) -> Keypoints:
+    """Make the keypoints of (K, 3) points in the sonar frame, without noise."""
+    range_m, bearing_rad, _ = project(xyz_m)
+    return make_keypoints(range_m, bearing_rad, descriptors, patches, sonar)
+
+
 def range_bearing(xyz_m: FloatArray) -> FloatArray:
     """Project (..., 3) points in the sonar frame to (..., 2) range_m and bearing_rad."""
     range_m, bearing_rad, _ = project(xyz_m)
@@ -91,7 +102,6 @@ def make_frame_pair(seed: int = 0, count: int = 60, wrong: int = 12) -> FramePai
     other[:wrong] = rng.random((wrong, 15, 15))
     ratio = np.where(np.arange(count) < wrong, 0.95, 0.6)
     nearest = NearestNeighbours(np.stack([np.arange(count)] * 2, axis=1), ratio, np.arange(count) >= wrong)
-    a = make_keypoints(*range_bearing(points).T, patches=patches)
-    b = make_keypoints(*range_bearing(moved).T, patches=other)
+    a, b = observe_points(points, patches=patches), observe_points(moved, patches=other)
     arcs = project_arcs(MATCHING_SONAR, B_FROM_A, a.range_bearing)
     return FramePair(a, b, nearest, MATCHING_SONAR, arcs, np.tile([0.02, 0.01], (count, 1)))
