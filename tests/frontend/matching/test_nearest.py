@@ -11,6 +11,7 @@ from asfm.config import MatchingConfig
 from asfm.errors import AsfmError
 from asfm.frontend.matching.nearest import (
     descriptor_distances,
+    find_nearest_neighbours,
     hamming_distances,
     match_keypoints,
 )
