@@ -1,4 +1,4 @@
-"""Loop check: the outcome of a loop's verification, and the mutual consistency of two loops."""
+"""Loop check: result of the verification of a loop, and mutual consistency of two loops."""
 
 from dataclasses import dataclass
 
@@ -9,38 +9,40 @@ from asfm.types import FloatArray, Matches
 
 @dataclass(frozen=True)
 class LoopCheck:
-    """Outcome of the verification of a pair of frames."""
+    """Result of the verification of a pair of frames."""
 
     matches: Matches
-    """Those that agree on one motion, whether or not the pair is accepted."""
+    """Inliers of one planar motion, whether or not the pair is accepted."""
     reason: str
-    """Why the pair is rejected; empty where it is accepted."""
+    """Test that rejected the pair; empty if it is accepted."""
     shift_m: FloatArray
     """(2,) mean error of the predicted pose in frame a's horizontal plane, as estimated from the matches."""
     tolerance_m: float
-    """Uncertainty of that error."""
+    """Uncertainty of that error: the median planar tolerance of the matches."""
     sure: bool = False
-    """Whether the number of false alarms accepts the pair by itself; others need a consistent pair that is sure."""
+    """Whether the number of false alarms alone accepts the pair; others need a sure pair consistent with them."""
 
     @property
     def accepted(self) -> bool:
-        """Whether every test was passed."""
+        """Whether the pair passed every test."""
         return not self.reason
 
 
 def reject_loop(matches: Matches, reason: str) -> LoopCheck:
-    """Return the outcome for a pair that fails a test."""
+    """Return the result for a pair that fails a test."""
     return LoopCheck(matches, reason, np.zeros(2), 0.0)
 
 
 def are_mutually_consistent(first: LoopCheck, second: LoopCheck, window: int) -> bool:
-    """Return whether two nearby loops, one of them sure, agree on the error of the predicted poses.
+    """Return whether two different loops near each other agree on the pose error, at least one of them being sure.
 
     Args:
-        first, second: outcomes for two pairs of frames.
-        window: largest distance in frames between the pairs, in either frame.
+        first: result for one pair of frames.
+        second: result for another pair.
+        window: largest difference in frames between the pairs, for either of their frames.
     """
-    a, b = (abs(getattr(first.matches, name) - getattr(second.matches, name)) for name in ("frame_a", "frame_b"))
-    apart_m = float(np.linalg.norm(first.shift_m - second.shift_m))
-    agree = apart_m <= 2 * max(first.tolerance_m, second.tolerance_m)
-    return (first.sure or second.sure) and a + b > 0 and max(a, b) <= window and agree
+    gap_a = abs(first.matches.frame_a - second.matches.frame_a)
+    gap_b = abs(first.matches.frame_b - second.matches.frame_b)
+    difference_m = float(np.linalg.norm(first.shift_m - second.shift_m))
+    agree = difference_m <= 2 * max(first.tolerance_m, second.tolerance_m)
+    return (first.sure or second.sure) and gap_a + gap_b > 0 and max(gap_a, gap_b) <= window and agree

@@ -1,7 +1,8 @@
 """Loop verification: whether two frames far apart in time show the same place.
 
-Each test rules out one kind of wrong loop: too few matches (chance), a second motion that fits as well (a repetitive
-scene), matches that join landmarks seen apart in one frame, and matches in one corner only (two similar objects).
+Each test rejects one kind of wrong loop: too few inliers (chance), another motion that fits as well (repetitive scene),
+matches that join landmarks observed apart in one frame (conflicts), matches in one part of the image only (two similar
+objects).
 """
 
 from collections.abc import Sequence
@@ -18,7 +19,7 @@ from asfm.frontend.matching.filter_chain import filter_pairs
 from asfm.frontend.matching.frame_pair import FramePair, predict_arcs
 from asfm.frontend.matching.nearest import find_nearest_neighbours
 from asfm.frontend.matching.pairwise_consistency import find_distance_outliers
-from asfm.frontend.matching.planar_ransac import find_planar_outliers, place_in_plane, planar_tolerance_m
+from asfm.frontend.matching.planar_ransac import find_planar_outliers, planar_positions, planar_tolerance_m
 from asfm.geometry.elevation_arcs import arc_box_candidates, arc_distances, arc_residuals
 from asfm.geometry.feature_noise import relative_position_noise_m
 from asfm.geometry.poses import invert
@@ -27,13 +28,13 @@ from asfm.navigation.pose_prediction import PosePrediction
 from asfm.types import BoolArray, FloatArray, Keypoints, Matches
 
 COMPETING_MOTION_FILTERS = ("mutual", "planar", "ssl")
-"""Filters of the matches of another motion: without the ratio test, which fails in scenes that repeat themselves."""
+"""Filters of the matches of another motion: without the ratio test, which fails in repetitive scenes."""
 SUPPORTED_SHARE = 1 / 3
-"""A pair that a sure one supports needs this share of the logarithm of false alarms: hysteresis (Canny 1986)."""
-NEIGHBOURS = 8
-"""Keypoints nearest to a match that count as covered by it."""
+"""Share of the log10 of false alarms required of a pair that a sure one supports: hysteresis (Canny 1986)."""
+COVERAGE_NEIGHBOURS = 8
+"""A keypoint counts as covered if one of this many nearest keypoints is matched."""
 DESCRIPTOR_FILTERS = ("mutual", "ratio")
-"""Filters that do not use positions: the motion is sought among the matches that pass them."""
+"""Filters that do not use positions: the matches that pass them are those the motion is searched among."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,10 @@ class _Pair:
         """Return the planar tolerances (Kb,) of frame b's keypoints."""
         return planar_tolerance_m(self.b.range_m, self.sonar, self.config)
 
+    def median_tolerance_m(self, matches: Matches) -> float:
+        """Return the median planar tolerance of the matches."""
+        return float(np.median(self.tolerance_m()[matches.index[:, 1]]))
+
 
 def verify_loop(
     matches: Matches,
@@ -66,18 +71,19 @@ def verify_loop(
     """Verify the matches of one pair of frames.
 
     Args:
-        matches: those that passed the usual filters.
+        matches: those that passed the filter chain.
         keypoints: those of every frame; the pair's have their patches.
         sonar: gives aperture and noise.
         prediction: poses of the frames, with this pair's uncertainty.
         tracked: the tracks of the keypoints.
         config: sections ``loops``, ``matching`` and ``noise``.
+
+    Returns:
+        The inliers of the estimated motion, and the test that rejected the pair, if any.
     """
-    settings = config.loops
-    pair = _Pair(keypoints[matches.frame_a], keypoints[matches.frame_b], sonar, config)
+    settings, pair = config.loops, _Pair(keypoints[matches.frame_a], keypoints[matches.frame_b], sonar, config)
     arcs, sigma = predict_arcs((matches.frame_a, matches.frame_b), pair.a, sonar, prediction, config.noise)
-    rejected = sum(count for name, count in matches.count_rejected().items() if name not in DESCRIPTOR_FILTERS)
-    tried = len(matches) + rejected
+    tried = _count_tried(matches)
     matches, motion = _fit_motion(_reject_inconsistent(matches, pair, arcs, sigma), pair)
     if len(matches) < settings.min_matches:
         return reject_loop(matches, "matches")
@@ -93,8 +99,7 @@ def verify_loop(
     if _count_competing(matches, pair, near & ~at_motion) > settings.max_rivals * len(matches):
         return reject_loop(matches, "competing motions")
     shift_m = _prediction_error(matches, pair.b, motion, prediction)
-    tolerance_m = float(np.median(pair.tolerance_m()[matches.index[:, 1]]))
-    return LoopCheck(matches, "", shift_m, tolerance_m, alarms <= settings.max_log_alarms)
+    return LoopCheck(matches, "", shift_m, pair.median_tolerance_m(matches), alarms <= settings.max_log_alarms)
 
 
 def arc_inlier_ratio(
@@ -105,7 +110,7 @@ def arc_inlier_ratio(
     sigma: FloatArray,
     gate: float,
 ) -> float:
-    """Return the share of a pair's matches within the gate of their elevation arcs under given poses.
+    """Return the share of a pair's matches that lie near their elevation arcs under given poses.
 
     Args:
         matches: of one pair of frames.
@@ -113,7 +118,10 @@ def arc_inlier_ratio(
         sonar: gives the aperture.
         world_from_sonar: (N, 4, 4) poses.
         sigma: (2,) standard deviations of the difference in range_m and bearing_rad.
-        gate: in sigmas.
+        gate: largest distance of an inlier, in sigmas.
+
+    Returns:
+        The share, 0..1; 0 without matches.
     """
     if not len(matches):
         return 0.0
@@ -122,6 +130,12 @@ def arc_inlier_ratio(
     pixel_a, pixel_b = keypoints[matches.frame_a].range_bearing[of_a], keypoints[matches.frame_b].range_bearing[of_b]
     residual = arc_residuals(sonar, np.broadcast_to(b_from_a, (len(matches), 4, 4)), pixel_a, pixel_b, sigma)
     return float(np.mean(residual <= gate))
+
+
+def _count_tried(matches: Matches) -> int:
+    """Count the matches among which the motion is searched: all that passed the filters on descriptors."""
+    rejected = sum(count for name, count in matches.count_rejected().items() if name not in DESCRIPTOR_FILTERS)
+    return len(matches) + rejected
 
 
 def _reject_inconsistent(matches: Matches, pair: _Pair, arcs: FloatArray, sigma: FloatArray) -> Matches:
@@ -137,27 +151,27 @@ def _reject_inconsistent(matches: Matches, pair: _Pair, arcs: FloatArray, sigma:
 
 
 def _fit_motion(matches: Matches, pair: _Pair) -> tuple[Matches, FloatArray]:
-    """Return the matches that agree on one planar motion, and that motion a_from_b (4, 4)."""
+    """Return the inliers of a planar motion, and that motion a_from_b (4, 4)."""
     if len(matches) < pair.config.loops.min_matches:
         return matches, np.eye(4)
     of_a, of_b = matches.index.T
-    xy_a, xy_b = place_in_plane(pair.a, of_a), place_in_plane(pair.b, of_b)
+    xy_a, xy_b = planar_positions(pair.a, of_a), planar_positions(pair.b, of_b)
     motion, outlier = find_planar_outliers(xy_a, xy_b, pair.tolerance_m()[of_b], matches.cost)
     return matches.reject(outlier, "planar"), motion
 
 
 def _keypoints_at_motion(matches: Matches, pair: _Pair, motion: FloatArray) -> BoolArray:
-    """Return which keypoints of b lie where the motion predicts each matched one of a: (Ka, Kb)."""
+    """Return which keypoints of b (Ka, Kb) lie where the motion predicts each matched keypoint of a."""
     of_a, (a, b) = matches.index[:, 0], (pair.a, pair.b)
-    moved = place_in_plane(b, np.arange(len(b))) @ motion[:2, :2].T + motion[:2, 3]
-    apart_m = np.linalg.norm(place_in_plane(a, of_a)[:, None] - moved, axis=2)
-    found = np.zeros((len(a), len(b)), dtype=bool)
-    found[of_a] = apart_m <= pair.tolerance_m()
-    return found
+    moved = planar_positions(b, np.arange(len(b))) @ motion[:2, :2].T + motion[:2, 3]
+    distance_m = np.linalg.norm(planar_positions(a, of_a)[:, None] - moved, axis=2)
+    at_motion = np.zeros((len(a), len(b)), dtype=bool)
+    at_motion[of_a] = distance_m <= pair.tolerance_m()
+    return at_motion
 
 
 def _count_competing(matches: Matches, pair: _Pair, elsewhere: BoolArray) -> int:
-    """Count the matched keypoints of a that agree on another motion, with keypoints of b elsewhere."""
+    """Count the matched keypoints of a that agree on another motion, with keypoints of b that are elsewhere."""
     allowed = np.zeros_like(elsewhere)
     allowed[matches.index[:, 0]] = elsewhere[matches.index[:, 0]]
     if not allowed.any():
@@ -168,18 +182,18 @@ def _count_competing(matches: Matches, pair: _Pair, elsewhere: BoolArray) -> int
 
 
 def _coverage(matches: Matches, pair: _Pair, motion: FloatArray) -> float:
-    """Return the share of the keypoints that both frames should see with a match nearby: of one place nearly all."""
+    """Return the share (smaller of the two frames) of keypoints in the common field of view with a match nearby."""
     shares = []
     for own, other, which, other_from_own in (
         (pair.a, pair.b, matches.index[:, 0], np.linalg.inv(motion)),
         (pair.b, pair.a, matches.index[:, 1], motion),
     ):
-        xy = place_in_plane(own, np.arange(len(own)))
+        xy = planar_positions(own, np.arange(len(own)))
         moved = xy @ other_from_own[:2, :2].T + other_from_own[:2, 3]
         range_m, bearing_rad = np.hypot(*moved.T), np.arctan2(moved[:, 1], moved[:, 0])
         common = (range_m >= other.range_m.min()) & (range_m <= other.range_m.max())
         common &= (bearing_rad >= other.bearing_rad.min()) & (bearing_rad <= other.bearing_rad.max())
-        _, nearest = cKDTree(xy).query(xy[common], k=min(NEIGHBOURS, len(xy)))
+        _, nearest = cKDTree(xy).query(xy[common], k=min(COVERAGE_NEIGHBOURS, len(xy)))
         matched = np.zeros(len(xy), dtype=bool)
         matched[which] = True
         shares.append(float(np.mean(matched[nearest].any(axis=1))) if common.any() else 1.0)
@@ -187,9 +201,9 @@ def _coverage(matches: Matches, pair: _Pair, motion: FloatArray) -> float:
 
 
 def _prediction_error(matches: Matches, b: Keypoints, motion: FloatArray, prediction: PosePrediction) -> FloatArray:
-    """Return the mean (2,) difference in the plane between the matches moved by the motion and by the prediction."""
+    """Return the mean offset (2,) in the plane, in metres, from the predicted to the estimated positions of matches."""
     of_b = matches.index[:, 1]
     a_from_b = prediction.relative_pose(matches.frame_b, matches.frame_a)
     points = back_project(b.range_m[of_b], b.bearing_rad[of_b], 0.0)
-    found = points @ motion[:3, :3].T + motion[:3, 3]
-    return np.asarray((found - points @ a_from_b[:3, :3].T - a_from_b[:3, 3])[:, :2].mean(axis=0))
+    estimated = points @ motion[:3, :3].T + motion[:3, 3]
+    return np.asarray((estimated - points @ a_from_b[:3, :3].T - a_from_b[:3, 3])[:, :2].mean(axis=0))

@@ -11,7 +11,7 @@ from asfm.config import Config
 from asfm.frontend.features.patches import crop_patches
 from asfm.frontend.matching.frame_pair import FramePair
 from asfm.frontend.matching.pairwise_consistency import find_distance_outliers
-from asfm.frontend.matching.planar_ransac import find_planar_outliers, place_in_plane, planar_tolerance_m
+from asfm.frontend.matching.planar_ransac import find_planar_outliers, planar_positions, planar_tolerance_m
 from asfm.frontend.matching.ssl import structural_spatial_loss
 from asfm.geometry.elevation_arcs import arc_distances
 from asfm.geometry.feature_noise import relative_position_noise_m
@@ -73,7 +73,7 @@ def _arc_inliers(pair: FramePair, config: Config) -> BoolArray:
 def _planar_inliers(pair: FramePair, config: Config) -> BoolArray:
     a, b = pair.index.T
     tolerance_m = planar_tolerance_m(pair.keypoints_b.range_m[b], pair.sonar, config)
-    xy_a, xy_b = place_in_plane(pair.keypoints_a, a), place_in_plane(pair.keypoints_b, b)
+    xy_a, xy_b = planar_positions(pair.keypoints_a, a), planar_positions(pair.keypoints_b, b)
     _, outlier = find_planar_outliers(xy_a, xy_b, tolerance_m, pair.nearest.ratio)
     return ~outlier
 

@@ -1,4 +1,4 @@
-"""Pair matching: nearest-neighbour matches of frame pairs, cleaned by the filter chain, guided by predicted poses."""
+"""Pair matching: nearest-neighbour matches of frame pairs, filtered by the filter chain, guided by predicted poses."""
 
 from collections.abc import Iterable, Sequence
 
@@ -12,7 +12,7 @@ from asfm.navigation.pose_prediction import PosePrediction
 from asfm.types import Keypoints, Matches
 
 MIN_MATCHED_SHARE = 0.15
-"""Where fewer of the keypoints are matched under a prediction, the prediction itself may be wrong."""
+"""Smallest share of keypoints matched under a prediction; below it the prediction itself may be wrong."""
 MIN_GAIN = 8
 """Without the prediction, at least twice as many matches and these more must agree for it to be rejected."""
 
@@ -44,17 +44,17 @@ def match_pairs(
         keypoints: those of every frame, with their patches.
         config: section ``matching`` and the filters' own.
         sonar: gives the filters noise and aperture.
-        prediction: guides the arc filter, and the matching where ``matching.guided`` is set. A prediction that the
-            images contradict, as without it far more matches agree with each other, is not used.
+        prediction: guides the arc filter, and the matching where ``matching.guided`` is set. It is ignored for pairs
+            where far more matches agree with each other without it.
     """
-    named = list(frames)
+    pairs = list(frames)
     if prediction is None:
-        return _match_unguided(named, keypoints, config, sonar)
-    proposed = [_propose(pair, keypoints, config, sonar, prediction) for pair in named]
-    matches = filter_pairs(proposed, named, config.matching.filters, config)
-    few = [number for number, (a, b) in enumerate(named) if _is_sparse(matches[number], keypoints[a], keypoints[b])]
-    unguided = _match_unguided([named[number] for number in few], keypoints, config, sonar)
-    for number, found in zip(few, unguided, strict=True):
+        return _match_unguided(pairs, keypoints, config, sonar)
+    proposed = [_propose(pair, keypoints, config, sonar, prediction) for pair in pairs]
+    matches = filter_pairs(proposed, pairs, config.matching.filters, config)
+    sparse = [number for number, (a, b) in enumerate(pairs) if _is_sparse(matches[number], keypoints[a], keypoints[b])]
+    unguided = _match_unguided([pairs[number] for number in sparse], keypoints, config, sonar)
+    for number, found in zip(sparse, unguided, strict=True):
         if len(found) > 2 * len(matches[number]) + MIN_GAIN:
             matches[number] = found
     return matches

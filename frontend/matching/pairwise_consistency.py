@@ -1,13 +1,13 @@
-"""Length consistency: a rigid scene keeps its points' distances, and a sonar bounds each of them.
+"""Pairwise consistency of matches: distances between points of a rigid scene agree within the bounds of a sonar.
 
-Two points at ranges ri, rj, bearings apart by D and elevations ei, ej are apart by d with
+Two points with ranges ri, rj, a bearing difference D and elevations ei, ej have a distance d with
 
     d^2 = ri^2 + rj^2 - 2 ri rj s,    s = cos ei cos ej cos D + sin ei sin ej
                                         = (1 + cos D) / 2 cos(ei - ej) - (1 - cos D) / 2 cos(ei + ej).
 
-With |e| <= h the sum and the difference of the elevations reach 2h, each while the other is zero. Hence, for h <= 90
-degrees, s lies between (1 + cos D) / 2 cos 2h - (1 - cos D) / 2 and (1 + cos D) / 2 - (1 - cos D) / 2 cos 2h, and both
-are reached: the bounds are exact.
+With |e| <= h, the sum and the difference of the elevations each reach 2h while the other is zero. Hence, for h <= 90
+degrees, s lies between (1 + cos D) / 2 cos 2h - (1 - cos D) / 2 and (1 + cos D) / 2 - (1 - cos D) / 2 cos 2h. Both are
+attained, so the bounds are exact.
 """
 
 import numpy as np
@@ -16,34 +16,48 @@ from asfm.frontend.matching.max_clique import find_largest_clique
 from asfm.types import BoolArray, FloatArray
 
 
-def bound_lengths(range_m: FloatArray, bearing_rad: FloatArray, aperture_rad: float) -> tuple[FloatArray, FloatArray]:
-    """Bound the distances between (M,) points of unknown elevation: least and greatest, each (M, M), in metres."""
+def distance_bounds_m(
+    range_m: FloatArray, bearing_rad: FloatArray, aperture_rad: float
+) -> tuple[FloatArray, FloatArray]:
+    """Compute the bounds of the distances between points of unknown elevation.
+
+    Args:
+        range_m: (M,) ranges.
+        bearing_rad: (M,) bearings.
+        aperture_rad: full elevation aperture.
+
+    Returns:
+        (M, M) lower and (M, M) upper bounds in metres.
+    """
     cosine = np.cos(bearing_rad[:, None] - bearing_rad)
     product = range_m[:, None] * range_m
-    squares = (range_m**2)[:, None] + range_m**2
-    swing = np.cos(min(aperture_rad, np.pi))
-    least = squares - product * ((1 + cosine) - (1 - cosine) * swing)
-    greatest = squares - product * ((1 + cosine) * swing - (1 - cosine))
-    return np.sqrt(np.maximum(least, 0.0)), np.sqrt(np.maximum(greatest, 0.0))
+    squared_ranges = (range_m**2)[:, None] + range_m**2
+    aperture_cosine = np.cos(min(aperture_rad, np.pi))
+    lower = squared_ranges - product * ((1 + cosine) - (1 - cosine) * aperture_cosine)
+    upper = squared_ranges - product * ((1 + cosine) * aperture_cosine - (1 - cosine))
+    return np.sqrt(np.maximum(lower, 0.0)), np.sqrt(np.maximum(upper, 0.0))
 
 
 def pairwise_distance_consistency(
     pixel_a: FloatArray, pixel_b: FloatArray, aperture_rad: float, slack_m: FloatArray
 ) -> BoolArray:
-    """Tell which pairs of matches may be two points of one rigid scene: their lengths' bounds overlap.
+    """Return which pairs of matches can be two points of one rigid scene (Mangelson 2018).
+
+    The bounds of the points' distance in the two frames must overlap.
 
     Args:
-        pixel_a, pixel_b: (M, 2) range_m and bearing_rad of the matches in the two frames.
-        aperture_rad: full opening in elevation.
-        slack_m: (M,) how far noise may move a point; the slacks of a pair's two points add as squares.
+        pixel_a: (M, 2) range_m and bearing_rad of the matches in frame a.
+        pixel_b: (M, 2) the same in frame b.
+        aperture_rad: full elevation aperture.
+        slack_m: (M,) tolerance for the noise of a point; those of two points add in quadrature.
 
     Returns:
         (M, M) symmetric, true on the diagonal.
     """
-    least_a, greatest_a = bound_lengths(pixel_a[:, 0], pixel_a[:, 1], aperture_rad)
-    least_b, greatest_b = bound_lengths(pixel_b[:, 0], pixel_b[:, 1], aperture_rad)
+    lower_a, upper_a = distance_bounds_m(pixel_a[:, 0], pixel_a[:, 1], aperture_rad)
+    lower_b, upper_b = distance_bounds_m(pixel_b[:, 0], pixel_b[:, 1], aperture_rad)
     slack = np.hypot(slack_m[:, None], slack_m)
-    consistent = (least_a <= greatest_b + slack) & (least_b <= greatest_a + slack)
+    consistent = (lower_a <= upper_b + slack) & (lower_b <= upper_a + slack)
     np.fill_diagonal(consistent, True)
     return np.asarray(consistent)
 
@@ -51,8 +65,8 @@ def pairwise_distance_consistency(
 def find_distance_outliers(
     pixel_a: FloatArray, pixel_b: FloatArray, aperture_rad: float, slack_m: FloatArray
 ) -> BoolArray:
-    """Find the (M,) matches outside the largest set whose distances all agree.
+    """Return the matches (M,) outside the largest set of pairwise consistent ones.
 
-    See :func:`pairwise_distance_consistency`.
+    Arguments are those of :func:`pairwise_distance_consistency`.
     """
     return ~find_largest_clique(pairwise_distance_consistency(pixel_a, pixel_b, aperture_rad, slack_m))

@@ -1,7 +1,8 @@
-"""The structural-and-spatial loss: do two keypoints' surroundings look alike?
+"""Structural-and-spatial loss (SSL) between the patches of matched keypoints.
 
-Structural: one minus the structural similarity of the two patches (Wang et al. 2004). Spatial: the distance of the
-vectors (mean of each column, mean of each row, mean of the patch). Both lie in 0..1 and add up with their weights.
+Structural term: (1 - SSIM) / 2, from the structural similarity of the two patches (Wang et al. 2004). Spatial term:
+the distance between the vectors of column means, row means and mean of each patch. Both lie in 0..1; the loss is their
+weighted sum.
 """
 
 import threading
@@ -15,9 +16,9 @@ from asfm.errors import AsfmError
 from asfm.types import FloatArray, ImageArray
 
 WINDOW_PX = 7
-"""Width of the windows whose similarities are averaged (less where the patch is smaller)."""
+"""Width of the windows of the structural similarity; smaller for patches smaller than this."""
 CHUNK_PRODUCTS = 1 << 19
-"""Products of one step: as many patches at once as fit the cache, few enough for BLAS to stay on one thread."""
+"""Products per chunk of patches: fits the cache, and is small enough for BLAS to stay on one thread."""
 STABILISERS = (0.01**2, 0.03**2)
 """C1 and C2 of the structural similarity for values in 0..1."""
 
@@ -26,10 +27,10 @@ Columns = NDArray[np.float32]
 
 
 def structural_spatial_loss(patches_a: Patches, patches_b: Patches, config: SslConfig) -> FloatArray:
-    """Compare the patches around matched keypoints; small where they look alike.
+    """Compute the loss between the patches of matched keypoints; small for similar patches.
 
-    Each patch is first stretched to 0..1 by its own darkest and brightest pixel (a flat patch becomes all zero), so
-    gain and offset do not matter. A term of weight zero is not computed.
+    Each patch is first stretched to 0..1 between its darkest and brightest pixel (a flat patch becomes zero), which
+    makes the loss invariant to gain and offset. A term of weight zero is not computed.
 
     Args:
         patches_a: (M, 2r+1, 2r+1) patches of the first frame, finite, in any unit.
@@ -40,27 +41,27 @@ def structural_spatial_loss(patches_a: Patches, patches_b: Patches, config: SslC
         (M,) structural_weight * structural term + spatial_weight * spatial term.
 
     Raises:
-        AsfmError: the shapes disagree or a pixel is not finite.
+        AsfmError: the shapes differ or a pixel is not finite.
     """
     _check_shapes(patches_a, patches_b)
     with np.errstate(over="ignore", invalid="ignore"):
         loss = _compare(patches_a, patches_b, config, stretched=False)
-    # What is not finite shows in every loss but that of two terms switched off.
+    # A pixel that is not finite makes the loss so too, unless both terms are switched off.
     if not np.isfinite(loss).all() or config.structural_weight == config.spatial_weight == 0:
         _check_finite(patches_a, patches_b)
     return loss
 
 
 def compare_stretched(stretched_a: ImageArray, stretched_b: ImageArray, config: SslConfig) -> FloatArray:
-    """Compare patches that :func:`stretch_patches` has stretched: once a keypoint, however many matches it has.
+    """Compute the loss between patches already stretched by :func:`stretch_patches`, once per keypoint.
 
-    Arguments and result are those of :func:`structural_spatial_loss`; nothing is checked.
+    Arguments and result are those of :func:`structural_spatial_loss`; the patches are not checked.
     """
     return _compare(stretched_a, stretched_b, config, stretched=True)
 
 
 def stretch_patches(patches: Patches) -> ImageArray:
-    """Stretch each of (M, N, N) patches to 0..1; a flat one becomes zero. (M, N, N) float32."""
+    """Stretch each of (M, N, N) patches to 0..1, a flat one to zero; return (M, N, N) float32."""
     flat = patches.reshape(len(patches), patches.shape[1] ** 2)
     stretched = (flat - flat.min(axis=1, keepdims=True)).astype(np.float32, copy=False)
     span = stretched.max(axis=1, keepdims=True)
@@ -68,14 +69,14 @@ def stretch_patches(patches: Patches) -> ImageArray:
     return np.asarray(stretched.reshape(patches.shape))
 
 
-class _Memory(threading.local):
-    """Arrays that every step writes anew, kept from call to call: fresh memory takes longer than the arithmetic."""
+class _Buffers(threading.local):
+    """Work arrays of one thread, reused between calls: allocating them takes longer than the arithmetic."""
 
     def __init__(self) -> None:
         self.length, self.count = 0, 0
 
-    def fit(self, length: int, count: int) -> None:
-        """Make room for patches of ``length`` pixels' side, ``count`` at once."""
+    def allocate(self, length: int, count: int) -> None:
+        """Allocate the arrays for chunks of ``count`` patches with a side of ``length`` pixels."""
         if length == self.length and count <= self.count:
             return
         self.length, self.count, self.width = length, count, min(WINDOW_PX, length)
@@ -84,23 +85,23 @@ class _Memory(threading.local):
         windows = len(self.band)
         self.columns = np.empty((3, length**2 * count), dtype=np.float32)
         self.pixels = np.empty(2 * length**2 * count)
-        self.halfway = np.empty(windows * length * count)
+        self.half_averaged = np.empty(windows * length * count)
         self.means = np.empty(4 * windows**2 * count)
 
 
-_MEMORY = _Memory()
+_BUFFERS = _Buffers()
 
 
 def _compare(patches_a: Patches, patches_b: Patches, config: SslConfig, stretched: bool) -> FloatArray:
     loss = np.zeros(len(patches_a))
     length = patches_a.shape[-1]
     chunk = max(CHUNK_PRODUCTS // length**3, 1)
-    _MEMORY.fit(length, min(chunk, len(loss)))
+    _BUFFERS.allocate(length, min(chunk, len(loss)))
     for start in range(0, len(loss), chunk):
         part = slice(start, start + chunk)
-        a, b, difference = _MEMORY.columns[:, : length**2 * len(loss[part])].reshape(3, length**2, -1)
-        a = _lay_columns(patches_a[part], stretched, a)
-        b = _lay_columns(patches_b[part], stretched, b)
+        a, b, difference = _BUFFERS.columns[:, : length**2 * len(loss[part])].reshape(3, length**2, -1)
+        a = _to_columns(patches_a[part], stretched, a)
+        b = _to_columns(patches_b[part], stretched, b)
         np.subtract(a, b, out=difference)
         if config.structural_weight > 0:
             loss[part] += config.structural_weight * _structural_term(np.add(a, b, out=a), difference)
@@ -109,8 +110,8 @@ def _compare(patches_a: Patches, patches_b: Patches, config: SslConfig, stretche
     return loss
 
 
-def _lay_columns(patches: Patches, stretched: bool, out: Columns) -> Columns:
-    """(N * N, M) of (M, N, N), stretched: matches along the last axis, every step runs over all of them at once."""
+def _to_columns(patches: Patches, stretched: bool, out: Columns) -> Columns:
+    """Return (M, N, N) patches stretched and laid out as (N * N, M), with the matches along the last axis."""
     flat = patches.reshape(len(patches), -1)
     if flat.dtype != np.float32:
         flat = (flat - flat.min(axis=1, keepdims=True)).astype(np.float32)
@@ -125,16 +126,16 @@ def _lay_columns(patches: Patches, stretched: bool, out: Columns) -> Columns:
 
 
 def _structural_term(total: Columns, difference: Columns) -> FloatArray:
-    """Dissimilarity (1 - SSIM) / 2 in 0..1 of patches a and b of values in 0..1, from (N * N, M) a + b and a - b. (M,).
+    """Return the dissimilarities (1 - SSIM) / 2 (M,) of stretched patches a, b from (N * N, M) a + b and a - b.
 
-    SSIM is the mean of (2 ab + C1) (2 cov + C2) / ((aa + bb + C1) (var_a + var_b + C2)), a and b being means, over all
-    windows of 7 x 7 pixels inside the patch, with unbiased variances: here a factor that C2 is divided by instead.
-    With s = a + b and d = a - b, 4 ab is ss - dd, 2 (aa + bb) is ss + dd, and so are the covariance and variances.
+    SSIM is the mean of (2 ab + C1) (2 cov + C2) / ((aa + bb + C1) (var_a + var_b + C2)) over all windows of 7 x 7
+    pixels in the patch, where a and b are means. Its variances are unbiased; here C2 is divided by that factor instead.
+    With s = a + b and d = a - b: 4 ab = ss - dd and 2 (aa + bb) = ss + dd, likewise for covariance and variances.
     """
     count = total.shape[1]
-    sums, differences = _MEMORY.means[: 4 * len(_MEMORY.band) ** 2 * count].reshape(2, 2, -1, count)
+    sums, differences = _BUFFERS.means[: 4 * len(_BUFFERS.band) ** 2 * count].reshape(2, 2, -1, count)
     for means, columns in ((sums, total), (differences, difference)):
-        pixels = _MEMORY.pixels[: columns.size].reshape(columns.shape)
+        pixels = _BUFFERS.pixels[: columns.size].reshape(columns.shape)
         pixels[:] = columns
         _average_windows(pixels, means[0])
         np.multiply(pixels, pixels, out=pixels)
@@ -142,8 +143,8 @@ def _structural_term(total: Columns, difference: Columns) -> FloatArray:
         means[0] *= means[0]
         means[1] -= means[0]
     sums[0] += 2 * STABILISERS[0]
-    sums[1] += 2 * STABILISERS[1] * (1 - 1 / max(_MEMORY.width, 2) ** 2)
-    numerator = _MEMORY.pixels[: sums.size].reshape(sums.shape)
+    sums[1] += 2 * STABILISERS[1] * (1 - 1 / max(_BUFFERS.width, 2) ** 2)
+    numerator = _BUFFERS.pixels[: sums.size].reshape(sums.shape)
     np.subtract(sums, differences, out=numerator)
     sums += differences
     similarity = np.multiply(numerator[0], numerator[1], out=numerator[0])
@@ -152,21 +153,21 @@ def _structural_term(total: Columns, difference: Columns) -> FloatArray:
 
 
 def _average_windows(pixels: FloatArray, out: FloatArray) -> None:
-    """Average (N * N, M) pixels over every window. (windows * windows, M).
+    """Write the means (windows * windows, M) of (N * N, M) pixels over every window to ``out``.
 
-    Two matrix products with a band of ones do it: one down the columns, one along the rows.
+    The box filter is separable: two products with a band matrix, along columns and along rows.
     """
-    count, (windows, length) = pixels.shape[1], _MEMORY.band.shape
-    halfway = _MEMORY.halfway[: windows * length * count].reshape(windows, length * count)
-    np.matmul(_MEMORY.band, pixels.reshape(length, length * count), out=halfway)
-    np.matmul(_MEMORY.band, halfway.reshape(windows, length, count), out=out.reshape(windows, windows, count))
+    count, (windows, length) = pixels.shape[1], _BUFFERS.band.shape
+    half_averaged = _BUFFERS.half_averaged[: windows * length * count].reshape(windows, length * count)
+    np.matmul(_BUFFERS.band, pixels.reshape(length, length * count), out=half_averaged)
+    np.matmul(_BUFFERS.band, half_averaged.reshape(windows, length, count), out=out.reshape(windows, windows, count))
 
 
 def _spatial_term(difference: Columns) -> FloatArray:
-    """Distance in 0..1 of how two patches of values in 0..1 spread their brightness, from (N * N, M) a - b. (M,).
+    """Return the spatial distances (M,) in 0..1 of stretched patches a, b from (N * N, M) a - b.
 
-    The vectors (N column means, N row means, mean of all) lie in a cube of side 1, so their Euclidean distance is
-    divided by its diagonal, sqrt(2 N + 1).
+    The Euclidean distance of the vectors (N column means, N row means, overall mean) is divided by its largest value,
+    sqrt(2 N + 1).
     """
     length = round(len(difference) ** 0.5)
     patches = difference.reshape(length, length, -1)
@@ -179,15 +180,18 @@ def _check_shapes(patches_a: Patches, patches_b: Patches) -> None:
     shape = patches_a.shape
     if shape != patches_b.shape or len(shape) != 3 or shape[1] != shape[2] or shape[1] == 0:
         raise AsfmError(
-            f"structural-and-spatial loss: expected two stacks of equal patches, found {shape} and {patches_b.shape}"
+            "structural-and-spatial loss: expected two equal stacks of square patches, "
+            f"found {shape} and {patches_b.shape}"
         )
 
 
 def _check_finite(patches_a: Patches, patches_b: Patches) -> None:
     for name, patches in (("first", patches_a), ("second", patches_b)):
-        # Single precision is what is computed with.
+        # The loss is computed in single precision, where large values overflow.
         with np.errstate(over="ignore"):
             finite = np.isfinite(patches.astype(np.float32)).all(axis=(1, 2))
         if not finite.all():
             bad = int(np.flatnonzero(~finite)[0])
-            raise AsfmError(f"structural-and-spatial loss: patch {bad} of the {name} frame holds pixels not finite")
+            raise AsfmError(
+                f"structural-and-spatial loss: expected finite pixels, found others in patch {bad} of the {name} frame"
+            )

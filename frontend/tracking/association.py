@@ -1,4 +1,4 @@
-"""Association: which candidate matches the current poses allow, joined into tracks."""
+"""Data association: candidate matches gated by their elevation arcs under the current poses, joined into tracks."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -21,16 +21,18 @@ def associate(
     world_from_sonar: FloatArray,
     config: Config,
 ) -> Tracks:
-    """Keep the matches that lie near their elevation arcs under the current poses and join them into tracks.
+    """Gate matches by the distance from their elevation arcs under the current poses, and join them into tracks.
 
-    Poses are less certain over larger gaps. The gate of each gap therefore follows the typical residual of its
-    matches, most of which are right, and never falls below ``tracks.min_gate``. Loops, gaps wider than
-    ``matching.max_gap``, share one gate: a gap of its own may have a single pair, and a wrong one would set its gate.
+    Poses are less certain over larger frame gaps. The gate of each gap is therefore proportional to the median residual
+    of its matches, and at least ``tracks.min_gate``. Loops, with gaps above ``matching.max_gap``, share one gate: most
+    of their gaps have a single pair, whose gate a wrong loop would set.
 
     Args:
         keypoints: those of every frame.
         candidates: matches of pairs of frames.
+        sonar: gives aperture and noise.
         world_from_sonar: (N, 4, 4) current poses.
+        config: sections ``tracks``, ``matching`` and ``noise``.
     """
     matches = [match for match in candidates if len(match)]
     if not matches:
@@ -43,11 +45,11 @@ def associate(
     gate = np.empty(len(matches))
     for value in np.unique(gap):
         of_gap = np.flatnonzero(gap == value)
-        typical = float(np.median(np.concatenate([residual[index] for index in of_gap])))
-        gate[of_gap] = max(config.tracks.min_gate, config.tracks.gate_factor * typical)
+        median = float(np.median(np.concatenate([residual[index] for index in of_gap])))
+        gate[of_gap] = max(config.tracks.min_gate, config.tracks.gate_factor * median)
     kept = [
-        replace(match, cost=match.cost + 0.1 * near / limit).reject(near >= limit, "arc")
-        for match, near, limit in zip(matches, residual, gate, strict=True)
+        replace(match, cost=match.cost + 0.1 * distance / limit).reject(distance >= limit, "arc")
+        for match, distance, limit in zip(matches, residual, gate, strict=True)
     ]
     return build_tracks(keypoints, kept, config.tracks.min_views)
 
@@ -59,7 +61,7 @@ def _match_residuals(
     world_from_sonar: FloatArray,
     sigma: FloatArray,
 ) -> FloatArray:
-    """Distance (M,) of every match of a pair from its elevation arc, in sigmas; pixels are (K, 2) a frame."""
+    """Return the distances (M,) of a pair's matches from their elevation arcs, in sigmas."""
     b_from_a = invert(world_from_sonar[match.frame_b]) @ world_from_sonar[match.frame_a]
     pixel_a, pixel_b = pixels[match.frame_a][match.index[:, 0]], pixels[match.frame_b][match.index[:, 1]]
     return arc_residuals(sonar, np.broadcast_to(b_from_a, (len(match), 4, 4)), pixel_a, pixel_b, sigma)

@@ -1,142 +1,142 @@
-"""Re-matching guided by points and poses: tracks are completed where they should be seen, merged where they meet."""
+"""Guided matching: search by projection of triangulated points, to complete tracks and to merge duplicates."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from asfm.frontend.matching.nearest import descriptor_distances
-from asfm.frontend.tracking.triangulated_tracks import WIDENED, Prediction, TriangulatedTracks, predict_observations
+from asfm.frontend.tracking.triangulated_tracks import SIGMA_SCALE, Prediction, TriangulatedTracks, predict_observations
 from asfm.types import BoolArray, Descriptors, FloatArray, IntArray, Matches
 
 GUIDED_COST_OFFSET = 2.0
-"""Added to the cost of these matches: tracks are built from what frames say of each other first, loops included."""
+"""Added to the cost of guided matches: tracks are built from all other matches first, loops included."""
 DESCRIPTOR_PERCENTILE = 90
-"""Percentile of the descriptors' distances along the tracks above which two are not alike."""
-PAIRS = 4000
-"""Steps of tracks of which that percentile is taken."""
+"""Percentile of the descriptor distances along the tracks that is the largest distance of a guided match."""
+SAMPLED_PAIRS = 4000
+"""Pairs of successive observations, approximately, whose descriptor distances are sampled for that percentile."""
 CHI2_3DOF_99 = 11.3
-"""Squared distance of two points, whitened by both covariances, that one point has in 99 of 100 cases (chi-square, 3
-degrees of freedom)."""
+"""99th percentile of the chi-square distribution with 3 degrees of freedom: gate of two estimates of one point."""
 
 
 def match_to_landmarks(triangulated: TriangulatedTracks, window: int) -> list[Matches]:
-    """Match keypoints with tracks that should be seen where they are.
+    """Match keypoints with the tracks whose points are predicted near them.
 
-    Each point with agreeing observations at most a window away is predicted into the frames that lack it. A keypoint
-    inside the gate of noise and of the point's own covariance, whose descriptor is as alike as those along the tracks
-    are, is matched with the track's nearest observation, where both prefer each other. If no track has the keypoint,
-    this completes the track; if another has, it merges the two, provided that their points agree. Whether matches
-    enter a track is up to the association: they come after all others, and never put two observations in one frame.
+    Each point with an inlier observation inside the window is projected into the frames that lack it. A keypoint inside
+    the gate of noise and point covariance, with a descriptor distance typical of tracks, is matched with the track's
+    nearest observation in time if both are mutual nearest neighbours. This completes the track if the keypoint has
+    none, and merges two tracks if it has one and both points agree. The association decides which matches are used:
+    guided ones rank after all others.
 
     Args:
-        triangulated: a round's result.
-        window: how many frames away an agreeing observation may be; 0 proposes nothing.
+        triangulated: tracks, points and poses of the previous round.
+        window: largest distance in frames of an inlier observation; 0 gives no matches.
 
     Returns:
-        Matches of pairs of frames; without any agreeing observations none.
+        Matches of pairs of frames, the earlier frame first; none without inlier observations.
     """
-    limit = _measure_likeness(triangulated) if window else 0.0
+    limit = _typical_descriptor_distance(triangulated) if window else 0.0
     if limit <= 0:
         return []
-    rows = [_rematch_frame(triangulated, frame, window, limit) for frame in range(len(triangulated.keypoints))]
-    return _gather(triangulated, [row for row in rows if row is not None])
+    frames = range(len(triangulated.keypoints))
+    parts = [_match_frame(triangulated, frame, window, limit) for frame in frames]
+    return _group_by_pair(triangulated, [part for part in parts if part is not None])
 
 
 def add_matches(known: Sequence[Matches], found: Sequence[Matches]) -> list[Matches]:
-    """Add matches to those known before, each pair of keypoints only once."""
-    before = {_name(match, pair) for match in known for pair in match.index.tolist()}
+    """Add the found matches to the known ones, leaving out pairs of keypoints that are known."""
+    existing = {_pair_key(match, pair) for match in known for pair in match.index.tolist()}
     added = list(known)
     for match in found:
-        old = np.array([_name(match, pair) in before for pair in match.index.tolist()], dtype=bool)
-        if not old.all():
-            kept = ~old
+        duplicate = np.array([_pair_key(match, pair) in existing for pair in match.index.tolist()], dtype=bool)
+        if not duplicate.all():
+            kept = ~duplicate
             sigma = None if match.sigma is None else match.sigma[kept]
             added.append(Matches(match.frame_a, match.frame_b, match.index[kept], match.cost[kept], sigma=sigma))
     return added
 
 
-def _name(match: Matches, pair: Sequence[int]) -> tuple[int, int, int, int]:
+def _pair_key(match: Matches, pair: Sequence[int]) -> tuple[int, int, int, int]:
     return match.frame_a, match.frame_b, pair[0], pair[1]
 
 
-Row = tuple[IntArray, FloatArray, FloatArray]
-"""(M, 4) frame, keypoint, other frame, its keypoint; (M,) costs; (M, 2) sigmas."""
+FrameMatches = tuple[IntArray, FloatArray, FloatArray]
+"""(M, 4) frame of an observation, its keypoint, frame to match, its keypoint; (M,) costs; (M, 2) sigmas."""
 
 
-def _rematch_frame(triangulated: TriangulatedTracks, frame: int, window: int, limit: float) -> Row | None:
-    """Match the keypoints of one frame."""
+def _match_frame(triangulated: TriangulatedTracks, frame: int, window: int, limit: float) -> FrameMatches | None:
+    """Match the keypoints of one frame with the points predicted there; None without any of either."""
     predicted, here = predict_observations(triangulated, frame, window), triangulated.keypoints[frame]
     if not len(predicted.track) or not len(here):
         return None
-    owner, sigma = _look_up(triangulated, frame)
-    distance = descriptor_distances(_describe(triangulated, predicted.nearest), here.descriptors)
+    track_of, sigma = _keypoint_tracks(triangulated, frame)
+    distance = descriptor_distances(_descriptors_of(triangulated, predicted.nearest), here.descriptors)
     distance[(distance > limit) | ~_inside_gate(triangulated, predicted, frame, sigma)] = np.inf
     best = distance.argmin(axis=1)
     rows = np.arange(len(best))
-    good = np.isfinite(distance[rows, best]) & (distance.argmin(axis=0)[best] == rows)
-    other = owner[best]
-    good[good] &= (other[good] < 0) | _meet(triangulated, predicted.track[good], other[good])
-    nearest, best = predicted.nearest[good], best[good]
+    matched = np.isfinite(distance[rows, best]) & (distance.argmin(axis=0)[best] == rows)
+    other = track_of[best]
+    matched[matched] &= (other[matched] < 0) | _same_point(triangulated, predicted.track[matched], other[matched])
+    nearest, best = predicted.nearest[matched], best[matched]
     pairs = np.stack(
         [triangulated.tracks.frame[nearest], triangulated.keypoint[nearest], np.full(len(best), frame), best], axis=1
     )
-    return pairs, GUIDED_COST_OFFSET + distance[rows[good], best].astype(float) / limit, sigma[best]
+    return pairs, GUIDED_COST_OFFSET + distance[rows[matched], best].astype(float) / limit, sigma[best]
 
 
-def _look_up(triangulated: TriangulatedTracks, frame: int) -> tuple[IntArray, FloatArray]:
-    """Give the track (K,) of each keypoint of a frame, -1 where it has none, and its (K, 2) sigma."""
+def _keypoint_tracks(triangulated: TriangulatedTracks, frame: int) -> tuple[IntArray, FloatArray]:
+    """Return the track (K,) of each keypoint of a frame, -1 where it has none, and its standard deviations (K, 2)."""
     count, of_frame = len(triangulated.keypoints[frame]), triangulated.by_frame[frame]
-    owner, sigma = np.full(count, -1), np.tile(triangulated.default_sigma, (count, 1))
-    owner[triangulated.keypoint[of_frame]] = triangulated.tracks.track[of_frame]
+    track_of, sigma = np.full(count, -1), np.tile(triangulated.default_sigma, (count, 1))
+    track_of[triangulated.keypoint[of_frame]] = triangulated.tracks.track[of_frame]
     if triangulated.tracks.sigma is not None:
         sigma[triangulated.keypoint[of_frame]] = triangulated.tracks.sigma[of_frame]
-    return owner, sigma
+    return track_of, sigma
 
 
 def _inside_gate(triangulated: TriangulatedTracks, predicted: Prediction, frame: int, sigma: FloatArray) -> BoolArray:
-    """Tell which keypoints (P, K) lie where each point is predicted, as far as noise and the point allow."""
+    """Return which keypoints (P, K) lie inside the gate of each predicted point: noise plus point covariance."""
     here = triangulated.keypoints[frame]
     range_m = here.range_m - predicted.range_m[:, None]
     bearing_rad = here.bearing_rad - predicted.bearing_rad[:, None]
-    noise = (WIDENED * np.maximum(sigma, triangulated.default_sigma)) ** 2
-    along, across = predicted.covariance[:, :1, 0] + noise[:, 0], predicted.covariance[:, 1:, 1] + noise[:, 1]
+    noise = (SIGMA_SCALE * np.maximum(sigma, triangulated.default_sigma)) ** 2
+    range_m2, bearing_rad2 = predicted.covariance[:, :1, 0] + noise[:, 0], predicted.covariance[:, 1:, 1] + noise[:, 1]
     mixed = predicted.covariance[:, :1, 1]
-    square = across * range_m**2 - 2 * mixed * range_m * bearing_rad + along * bearing_rad**2
-    return np.asarray(square <= triangulated.config.matching.arc_gate**2 * (along * across - mixed**2))
+    scaled = bearing_rad2 * range_m**2 - 2 * mixed * range_m * bearing_rad + range_m2 * bearing_rad**2
+    return np.asarray(scaled <= triangulated.config.matching.arc_gate**2 * (range_m2 * bearing_rad2 - mixed**2))
 
 
-def _meet(triangulated: TriangulatedTracks, track: IntArray, other: IntArray) -> BoolArray:
-    """Tell which (M,) pairs of tracks have points that may be one; -1 is nobody's track, and meets none."""
-    apart_m = triangulated.xyz_m[track] - triangulated.xyz_m[other]
+def _same_point(triangulated: TriangulatedTracks, track: IntArray, other: IntArray) -> BoolArray:
+    """Return which (M,) pairs of tracks have points that agree within their covariances; false where other is -1."""
+    difference_m = triangulated.xyz_m[track] - triangulated.xyz_m[other]
     covariance = triangulated.covariance_m2[track] + triangulated.covariance_m2[other]
-    square = np.einsum("mi,mi->m", apart_m, np.linalg.solve(covariance, apart_m[..., None])[..., 0])
-    return np.asarray((square <= CHI2_3DOF_99) & triangulated.has_point[other] & (other >= 0))
+    squared_distance = np.einsum("mi,mi->m", difference_m, np.linalg.solve(covariance, difference_m[..., None])[..., 0])
+    return np.asarray((squared_distance <= CHI2_3DOF_99) & triangulated.has_point[other] & (other >= 0))
 
 
-def _measure_likeness(triangulated: TriangulatedTracks) -> float:
-    """Measure how far apart descriptors of successive observations of a track are: almost all are nearer than this."""
+def _typical_descriptor_distance(triangulated: TriangulatedTracks) -> float:
+    """Return a high percentile of the descriptor distances between successive inliers of tracks; 0 without any."""
     inlier, track = triangulated.inlier, triangulated.tracks.track
     step = np.flatnonzero((np.diff(track) == 0) & inlier[1:] & inlier[:-1]) if len(track) else np.zeros(0, int)
-    step = step[:: max(len(step) // PAIRS, 1)]
+    step = step[:: max(len(step) // SAMPLED_PAIRS, 1)]
     if not len(step):
         return 0.0
-    before, after = _describe(triangulated, step), _describe(triangulated, step + 1)
-    apart = [descriptor_distances(a[None], b[None])[0, 0] for a, b in zip(before, after, strict=True)]
-    return float(np.percentile(apart, DESCRIPTOR_PERCENTILE))
+    first, second = _descriptors_of(triangulated, step), _descriptors_of(triangulated, step + 1)
+    distances = [descriptor_distances(a[None], b[None])[0, 0] for a, b in zip(first, second, strict=True)]
+    return float(np.percentile(distances, DESCRIPTOR_PERCENTILE))
 
 
-def _describe(triangulated: TriangulatedTracks, observation: IntArray) -> Descriptors:
-    """Give the descriptors (M, D) of some observations, at least one."""
+def _descriptors_of(triangulated: TriangulatedTracks, observation: IntArray) -> Descriptors:
+    """Return the descriptors (M, D) of one or more observations."""
     frames, which = triangulated.tracks.frame[observation].tolist(), triangulated.keypoint[observation].tolist()
-    looks = [triangulated.keypoints[frame].descriptors[number] for frame, number in zip(frames, which, strict=True)]
-    return np.asarray(looks, dtype=looks[0].dtype)
+    found = [triangulated.keypoints[frame].descriptors[number] for frame, number in zip(frames, which, strict=True)]
+    return np.asarray(found, dtype=found[0].dtype)
 
 
-def _gather(triangulated: TriangulatedTracks, rows: Sequence[Row]) -> list[Matches]:
-    """Sort what was found by pairs of frames, the earlier frame first."""
-    if not rows:
+def _group_by_pair(triangulated: TriangulatedTracks, parts: Sequence[FrameMatches]) -> list[Matches]:
+    """Group the matches of all frames by pair of frames, the earlier frame first, each match once."""
+    if not parts:
         return []
-    pairs, cost, sigma = (np.concatenate(parts) for parts in zip(*rows, strict=True))
+    pairs, cost, sigma = (np.concatenate(values) for values in zip(*parts, strict=True))
     turned = pairs[:, 0] > pairs[:, 2]
     pairs[turned] = pairs[turned][:, [2, 3, 0, 1]]
     pairs, first = np.unique(pairs, axis=0, return_index=True)

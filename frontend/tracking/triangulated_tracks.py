@@ -1,4 +1,4 @@
-"""Tracks with the points and poses that a round has made of them, and where those points should be seen next."""
+"""Triangulated tracks: tracks with their points and poses, and predicted observations in other frames."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,30 +12,30 @@ from asfm.geometry.poses import invert, transform
 from asfm.geometry.sonar import SonarModel, project, project_jacobian
 from asfm.types import BoolArray, FloatArray, IntArray, Keypoints, Tracks
 
-WIDENED = 1.2
-"""Sigmas are widened by this, because neither poses nor points are exact."""
-EDGE_RAD = 0.02
-"""How far outside the aperture a point is still seen: beams do not end sharply."""
+SIGMA_SCALE = 1.2
+"""Scale of the standard deviations of observations, to allow for errors of poses and points."""
+APERTURE_MARGIN_RAD = 0.02
+"""Elevation beyond the aperture at which a point is still observed: beams have no sharp edge."""
 
 
 @dataclass(frozen=True)
 class TriangulatedTracks:
-    """What a round knows: tracks, their points and the poses that saw them."""
+    """Tracks, points and poses of one round of the estimation."""
 
     tracks: Tracks
     keypoints: Sequence[Keypoints]
     xyz_m: FloatArray
-    """(T, 3) points in the world."""
+    """(T, 3) points in the world frame."""
     has_point: BoolArray
     """(T,) which tracks have a point."""
     world_from_sonar: FloatArray
-    """(N, 4, 4)"""
+    """(N, 4, 4) poses."""
     sonar: SonarModel
     config: Config
 
     @cached_property
     def sonar_from_world(self) -> FloatArray:
-        """(N, 4, 4)"""
+        """(N, 4, 4) inverse poses."""
         return invert(self.world_from_sonar)
 
     @cached_property
@@ -45,7 +45,7 @@ class TriangulatedTracks:
 
     @cached_property
     def sigma(self) -> FloatArray:
-        """(O, 2) standard deviations of the observations' range_m and bearing_rad, at least the typical ones."""
+        """(O, 2) standard deviations of the observations' range_m and bearing_rad, at least the default ones."""
         return gate_sigma(self.tracks, self.sonar, self.config.noise)
 
     @property
@@ -56,78 +56,83 @@ class TriangulatedTracks:
 
     @cached_property
     def by_frame(self) -> list[IntArray]:
-        """The observations of each frame."""
+        """Indices of the observations of each frame."""
         return self.tracks.by_frame(len(self.keypoints))
 
     @cached_property
-    def _seen(self) -> FloatArray:
-        """(O, 3) each observation's point in the frame of its sonar."""
+    def _xyz_in_sonar(self) -> FloatArray:
+        """(O, 3) the point of each observation in its sonar frame."""
         return transform(self.sonar_from_world[self.tracks.frame], self.xyz_m[self.tracks.track])
 
     @cached_property
     def inlier(self) -> BoolArray:
-        """(O,) which observations lie where their track's point should be seen."""
-        range_m, bearing_rad, elevation_rad = project(self._seen)
-        off = np.stack([range_m - self.tracks.range_m, bearing_rad - self.tracks.bearing_rad], axis=1)
-        near = ((off / (WIDENED * self.sigma)) ** 2).sum(axis=1) <= self.config.matching.arc_gate**2
-        inside = np.abs(elevation_rad) <= self.sonar.elevation_aperture_rad / 2 + EDGE_RAD
+        """(O,) which observations agree with the projection of their track's point."""
+        range_m, bearing_rad, elevation_rad = project(self._xyz_in_sonar)
+        residual = np.stack([range_m - self.tracks.range_m, bearing_rad - self.tracks.bearing_rad], axis=1)
+        near = ((residual / (SIGMA_SCALE * self.sigma)) ** 2).sum(axis=1) <= self.config.matching.arc_gate**2
+        inside = np.abs(elevation_rad) <= self.sonar.elevation_aperture_rad / 2 + APERTURE_MARGIN_RAD
         return np.asarray(near & inside & self.has_point[self.tracks.track])
 
     @cached_property
     def covariance_m2(self) -> FloatArray:
-        """(T, 3, 3) of the points under these poses: what agreeing observations say, and once that the beam sees it."""
-        jacobian = project_jacobian(self._seen) @ self.sonar_from_world[self.tracks.frame, :3, :3]
+        """(T, 3, 3) covariances of the points under fixed poses, from inliers and one aperture prior per point."""
+        jacobian = project_jacobian(self._xyz_in_sonar) @ self.sonar_from_world[self.tracks.frame, :3, :3]
         views = np.bincount(self.tracks.track, self.inlier, minlength=self.tracks.count)
+        # One prior per point, spread over its views by scaling its sigma.
         elevation_rad = self.sonar.elevation_aperture_rad / 2 * np.sqrt(np.maximum(views, 1))[self.tracks.track]
-        scale = 1 / np.column_stack([WIDENED * self.sigma, elevation_rad]) * self.inlier[:, None]
-        white = jacobian * scale[..., None]
-        each = np.einsum("oki,okj->oij", white, white).reshape(-1, 9)
-        total = [np.bincount(self.tracks.track, each[:, cell], minlength=self.tracks.count) for cell in range(9)]
+        scale = 1 / np.column_stack([SIGMA_SCALE * self.sigma, elevation_rad]) * self.inlier[:, None]
+        whitened = jacobian * scale[..., None]
+        information = np.einsum("oki,okj->oij", whitened, whitened).reshape(-1, 9)
+        total = [np.bincount(self.tracks.track, information[:, cell], minlength=self.tracks.count) for cell in range(9)]
         return np.asarray(np.linalg.inv(np.stack(total, axis=1).reshape(-1, 3, 3) + 1e-9 * np.eye(3)))
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """Where one frame should see some of the points."""
+    """Predicted observations of points in one frame."""
 
     track: IntArray
-    """(P,)"""
+    """(P,) track of each point."""
     nearest: IntArray
-    """(P,) agreeing observation of each track that is nearest in time."""
+    """(P,) inlier observation of each track that is nearest in time."""
     range_m: FloatArray
     """(P,)"""
     bearing_rad: FloatArray
     """(P,)"""
     covariance: FloatArray
-    """(P, 2, 2) of range_m and bearing_rad, from the points' own."""
+    """(P, 2, 2) covariances of range_m and bearing_rad, propagated from those of the points."""
 
 
 def predict_observations(triangulated: TriangulatedTracks, frame: int, window: int) -> Prediction:
-    """Predict which points a frame should see, of the tracks observed at most a window of frames away but not in it.
+    """Predict the observations in a frame of points that it lacks but that nearby frames observe.
 
     Args:
-        triangulated: a round's result.
+        triangulated: tracks, points and poses of one round.
         frame: index of the frame.
-        window: how many frames away an agreeing observation may be.
+        window: largest distance in frames of an inlier observation.
+
+    Returns:
+        Predictions inside the image and the aperture.
     """
-    track, nearest = _list_absent(triangulated, frame, window)
-    seen = transform(triangulated.sonar_from_world[frame], triangulated.xyz_m[track])
-    range_m, bearing_rad, elevation_rad = project(seen)
-    rows, beams = triangulated.sonar.range_edges_m, triangulated.sonar.bearing_edges_rad
-    inside = (range_m >= rows[0]) & (range_m <= rows[-1]) & (bearing_rad >= beams[0]) & (bearing_rad <= beams[-1])
-    inside &= np.abs(elevation_rad) <= triangulated.sonar.elevation_aperture_rad / 2 + EDGE_RAD
-    slopes = (project_jacobian(seen[inside]) @ triangulated.sonar_from_world[frame, :3, :3])[:, :2]
-    spread = np.einsum("pij,pjk,plk->pil", slopes, triangulated.covariance_m2[track[inside]], slopes)
-    return Prediction(track[inside], nearest[inside], range_m[inside], bearing_rad[inside], spread)
+    track, nearest = _unobserved_tracks(triangulated, frame, window)
+    xyz_in_sonar = transform(triangulated.sonar_from_world[frame], triangulated.xyz_m[track])
+    range_m, bearing_rad, elevation_rad = project(xyz_in_sonar)
+    ranges_m, bearings_rad = triangulated.sonar.range_edges_m, triangulated.sonar.bearing_edges_rad
+    inside = (range_m >= ranges_m[0]) & (range_m <= ranges_m[-1])
+    inside &= (bearing_rad >= bearings_rad[0]) & (bearing_rad <= bearings_rad[-1])
+    inside &= np.abs(elevation_rad) <= triangulated.sonar.elevation_aperture_rad / 2 + APERTURE_MARGIN_RAD
+    jacobian = (project_jacobian(xyz_in_sonar[inside]) @ triangulated.sonar_from_world[frame, :3, :3])[:, :2]
+    covariance = np.einsum("pij,pjk,plk->pil", jacobian, triangulated.covariance_m2[track[inside]], jacobian)
+    return Prediction(track[inside], nearest[inside], range_m[inside], bearing_rad[inside], covariance)
 
 
-def _list_absent(triangulated: TriangulatedTracks, frame: int, window: int) -> tuple[IntArray, IntArray]:
-    """List the tracks that agree in a neighbouring frame but have nothing in this one, with the nearest observation."""
+def _unobserved_tracks(triangulated: TriangulatedTracks, frame: int, window: int) -> tuple[IntArray, IntArray]:
+    """Return the tracks (P,) with an inlier in the window but no observation in the frame, and that inlier (P,)."""
     frames = range(max(frame - window, 0), min(frame + window + 1, len(triangulated.keypoints)))
-    around = np.concatenate([triangulated.by_frame[other] for other in frames])
-    around = around[triangulated.inlier[around]]
-    away = np.abs(triangulated.tracks.frame[around] - frame)
-    order = np.lexsort((triangulated.tracks.frame[around], away, triangulated.tracks.track[around]))
-    track, first = np.unique(triangulated.tracks.track[around[order]], return_index=True)
+    nearby = np.concatenate([triangulated.by_frame[other] for other in frames])
+    nearby = nearby[triangulated.inlier[nearby]]
+    gap = np.abs(triangulated.tracks.frame[nearby] - frame)
+    order = np.lexsort((triangulated.tracks.frame[nearby], gap, triangulated.tracks.track[nearby]))
+    track, first = np.unique(triangulated.tracks.track[nearby[order]], return_index=True)
     absent = ~np.isin(track, triangulated.tracks.track[triangulated.by_frame[frame]])
-    return track[absent], around[order][first[absent]]
+    return track[absent], nearby[order][first[absent]]

@@ -1,4 +1,4 @@
-"""The largest clique against trying every set, and against its guarantee where the budget ends."""
+"""Maximum clique against exhaustive search, and its guaranteed size where the search is cut short."""
 
 from itertools import combinations
 
@@ -21,7 +21,7 @@ def is_clique(edges: BoolArray, chosen: BoolArray) -> bool:
     return bool((inside | np.eye(len(inside), dtype=bool)).all())
 
 
-def largest_by_trying(edges: BoolArray) -> int:
+def largest_by_exhaustive_search(edges: BoolArray) -> int:
     count = len(edges)
     for size in range(count, 0, -1):
         for members in combinations(range(count), size):
@@ -32,17 +32,17 @@ def largest_by_trying(edges: BoolArray) -> int:
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 11), st.sampled_from([0.0, 0.3, 0.5, 0.7, 0.9, 1.0]), st.integers(0, 2**32 - 1))
-def test_it_is_as_large_as_by_trying_every_set(count: int, share: float, seed: int) -> None:
+def test_clique_is_as_large_as_by_exhaustive_search(count: int, share: float, seed: int) -> None:
     edges = random_graph(np.random.default_rng(seed), count, share)
-    chosen = find_largest_clique(edges, budget=10**6)
+    chosen = find_largest_clique(edges, max_branches=10**6)
     assert chosen.shape == (count,) and chosen.dtype == np.bool_
     assert is_clique(edges, chosen)
-    assert chosen.sum() == largest_by_trying(edges)
+    assert chosen.sum() == largest_by_exhaustive_search(edges)
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_a_planted_clique_is_found_among_many(seed: int) -> None:
-    """Right matches agree with each other, wrong ones with some of them by chance."""
+def test_a_planted_clique_is_found(seed: int) -> None:
+    """Correct matches are consistent with each other, wrong ones with some by chance."""
     rng = np.random.default_rng(seed)
     edges = random_graph(rng, 120, 0.6)
     planted = rng.permutation(120) < 80
@@ -51,16 +51,16 @@ def test_a_planted_clique_is_found_among_many(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_without_budget_it_keeps_its_guarantee(seed: int) -> None:
+def test_a_search_of_one_branch_keeps_the_guaranteed_size(seed: int) -> None:
     rng = np.random.default_rng(seed)
     edges = random_graph(rng, 150, 0.5)
-    chosen = find_largest_clique(edges, budget=1)
+    chosen = find_largest_clique(edges, max_branches=1)
     conflicts = (~edges).sum(axis=1) - 1
     assert is_clique(edges, chosen)
     assert chosen.sum() >= (1 / (1 + conflicts)).sum()
 
 
-def test_the_same_graph_gives_the_same_set_and_its_diagonal_does_not_matter() -> None:
+def test_result_is_deterministic_and_ignores_the_diagonal() -> None:
     edges = random_graph(np.random.default_rng(3), 30, 0.5)
     filled = edges | np.eye(30, dtype=bool)
     before = filled.copy()
@@ -68,6 +68,6 @@ def test_the_same_graph_gives_the_same_set_and_its_diagonal_does_not_matter() ->
     np.testing.assert_array_equal(filled, before)
 
 
-def test_nobody_and_one_alone() -> None:
+def test_graphs_of_no_vertex_and_of_one() -> None:
     assert find_largest_clique(np.zeros((0, 0), dtype=bool)).shape == (0,)
     assert find_largest_clique(np.zeros((1, 1), dtype=bool)).tolist() == [True]

@@ -1,4 +1,4 @@
-"""Association on keypoints of random points seen from known poses: true matches stay, wrong ones go."""
+"""Data association on random points observed from known poses: correct matches are kept, wrong ones rejected."""
 
 from dataclasses import dataclass
 
@@ -13,6 +13,7 @@ from asfm.geometry.feature_noise import feature_sigma
 from asfm.geometry.poses import invert, make_pose, transform
 from asfm.geometry.sonar import SonarModel, back_project, project
 from asfm.types import FloatArray, Keypoints, Matches, Tracks
+from tests.worlds import make_keypoints
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (600, 256), 0.35)
 CONFIG = Config()
@@ -21,15 +22,18 @@ FRAMES, POINTS = 8, 60
 
 @dataclass(frozen=True)
 class World:
+    """Poses, the keypoints of every frame and the points they show."""
+
     world_from_sonar: FloatArray
     keypoints: list[Keypoints]
     point: list[list[int]]
-    """Which point each keypoint of each frame shows."""
+    """Number of the point behind each keypoint of each frame."""
 
     def matches(self, a: int, b: int, wrong: int, rng: np.random.Generator) -> Matches:
-        """All true matches and some wrong ones, which cost less."""
+        """Return all correct matches of two frames and some wrong ones, which cost less."""
         true = [
-            (self.point[a].index(name), self.point[b].index(name)) for name in set(self.point[a]) & set(self.point[b])
+            (self.point[a].index(point), self.point[b].index(point))
+            for point in set(self.point[a]) & set(self.point[b])
         ]
         pairs = np.array(sorted(true), dtype=np.int64).reshape(-1, 2)
         swapped = rng.integers(0, (len(self.point[a]), len(self.point[b])), (wrong, 2))
@@ -40,7 +44,7 @@ class World:
         return [self.matches(a, b, wrong, rng) for b in range(FRAMES) for a in range(max(0, b - 4), b)]
 
     def points_of(self, tracks: Tracks) -> list[set[int]]:
-        """Which points the observations of each track show."""
+        """Return the set of points that the observations of each track show."""
         found: list[set[int]] = [set() for _ in range(tracks.count)]
         for track, frame, range_m in zip(tracks.track, tracks.frame, tracks.range_m, strict=True):
             (keypoint,) = np.flatnonzero(self.keypoints[frame].range_m == range_m)
@@ -49,7 +53,7 @@ class World:
 
 
 def make_world(seed: int = 0, noise: float = 0.5) -> World:
-    """A scene to port of a path that goes ahead, to port and up while it turns: nothing of it is symmetrical."""
+    """Make a scene to port of a path that goes forward, to port and up while it turns: an asymmetric scene."""
     rng = np.random.default_rng(seed)
     step = np.arange(FRAMES)[:, None]
     xyz_m = step * np.array([0.08, 0.12, 0.03]) + rng.normal(scale=0.02, size=(FRAMES, 3))
@@ -57,7 +61,7 @@ def make_world(seed: int = 0, noise: float = 0.5) -> World:
     poses = make_pose(xyz_m, Rotation.from_rotvec(turn_rad))
     points = back_project(rng.uniform(2, 9, POINTS), rng.uniform(0.0, 0.6, POINTS), rng.uniform(-0.12, 0.12, POINTS))
     sigma = noise * feature_sigma(SONAR, CONFIG.noise)
-    keypoints, names = [], []
+    keypoints, shown = [], []
     for pose in poses:
         local = transform(invert(pose), points)
         seen = np.flatnonzero(SONAR.sees(local))
@@ -67,50 +71,43 @@ def make_world(seed: int = 0, noise: float = 0.5) -> World:
             value + rng.normal(scale=scale, size=len(seen))
             for value, scale in zip((range_m, bearing_rad), sigma, strict=True)
         )
-        names.append(seen.tolist())
-        keypoints.append(keypoints_at(range_m, bearing_rad))
-    return World(poses, keypoints, names)
+        shown.append(seen.tolist())
+        keypoints.append(make_keypoints(range_m, bearing_rad, sonar=SONAR))
+    return World(poses, keypoints, shown)
 
 
-def keypoints_at(range_m: FloatArray, bearing_rad: FloatArray) -> Keypoints:
-    count = len(range_m)
-    place = np.stack([SONAR.row_at_range(range_m), SONAR.column_at_bearing(bearing_rad)], axis=1)
-    squares = np.zeros((count, 3, 3), dtype=np.float32)
-    return Keypoints(place, range_m, bearing_rad, np.ones(count), np.zeros((count, 61), dtype=np.uint8), squares)
-
-
-def spoilt(world: World, tracks: Tracks) -> float:
-    """Share of tracks that show more than one point."""
+def impure_share(world: World, tracks: Tracks) -> float:
+    """Return the share of tracks with observations of more than one point."""
     points = world.points_of(tracks)
-    return sum(len(names) > 1 for names in points) / max(len(points), 1)
+    return sum(len(shown) > 1 for shown in points) / max(len(points), 1)
 
 
-def test_true_matches_all_stay() -> None:
+def test_correct_matches_are_all_kept() -> None:
     world = make_world()
     tracks = associate(
         world.keypoints, world.all_matches(0, np.random.default_rng(1)), SONAR, world.world_from_sonar, CONFIG
     )
-    assert spoilt(world, tracks) == 0
-    often = [name for name in range(POINTS) if sum(name in names for names in world.point) >= 3]
-    assert len(often) > 40
-    assert sorted(name for names in world.points_of(tracks) for name in names) == often
-    assert len(tracks) == sum(name in names for name in often for names in world.point)
+    assert impure_share(world, tracks) == 0
+    expected = [point for point in range(POINTS) if sum(point in points for points in world.point) >= 3]
+    assert len(expected) > 40
+    assert sorted(point for points in world.points_of(tracks) for point in points) == expected
+    assert len(tracks) == sum(point in points for point in expected for points in world.point)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_wrong_matches_go_though_they_cost_less(seed: int) -> None:
+def test_wrong_matches_are_rejected_though_they_cost_less(seed: int) -> None:
     world = make_world(seed)
     candidates = world.all_matches(15, np.random.default_rng(seed))
     kept = associate(world.keypoints, candidates, SONAR, world.world_from_sonar, CONFIG)
-    assert spoilt(world, build_tracks(world.keypoints, candidates, 3)) > 0.5, "without the gate"
-    assert spoilt(world, kept) < 0.1
-    pure = {name for names in world.points_of(kept) if len(names) == 1 for name in names}
+    assert impure_share(world, build_tracks(world.keypoints, candidates, 3)) > 0.5, "without the gate"
+    assert impure_share(world, kept) < 0.1
+    pure = {point for points in world.points_of(kept) if len(points) == 1 for point in points}
     assert len(pure) > 0.85 * POINTS
 
 
-def test_a_mirrored_bearing_axis_is_not_silent() -> None:
+def test_a_mirrored_bearing_axis_loses_most_matches() -> None:
     world = make_world()
-    mirrored = [keypoints_at(frame.range_m, -frame.bearing_rad) for frame in world.keypoints]
+    mirrored = [make_keypoints(frame.range_m, -frame.bearing_rad, sonar=SONAR) for frame in world.keypoints]
     candidates = world.all_matches(0, np.random.default_rng(1))
     config = Config(tracks=TracksConfig(gate_factor=1e-3))
     right = associate(world.keypoints, candidates, SONAR, world.world_from_sonar, config)
@@ -118,23 +115,23 @@ def test_a_mirrored_bearing_axis_is_not_silent() -> None:
     assert len(wrong) < 0.5 * len(right)
 
 
-def test_the_gate_follows_the_poses_error() -> None:
-    """All matches of drifted poses lie off their arcs; a gate of fixed width would lose them, the default does not."""
+def test_the_gate_adapts_to_pose_errors() -> None:
+    """Under drifted poses all matches are off their arcs: a gate of fixed width loses them, the default does not."""
     world = make_world()
     drift = make_pose(
         np.arange(FRAMES)[:, None] * np.array([0.05, -0.05, 0.0]),
         Rotation.from_rotvec(np.arange(FRAMES)[:, None] * np.array([0.0, 0.0, 0.02])),
     )
     candidates = world.all_matches(0, np.random.default_rng(1))
-    followed = associate(world.keypoints, candidates, SONAR, world.world_from_sonar @ drift, CONFIG)
+    adaptive = associate(world.keypoints, candidates, SONAR, world.world_from_sonar @ drift, CONFIG)
     fixed_gate = Config(tracks=TracksConfig(gate_factor=1e-3))
     fixed = associate(world.keypoints, candidates, SONAR, world.world_from_sonar @ drift, fixed_gate)
     best = associate(world.keypoints, candidates, SONAR, world.world_from_sonar, CONFIG)
-    assert len(followed) > 0.9 * len(best)
+    assert len(adaptive) > 0.9 * len(best)
     assert len(fixed) < 0.75 * len(best)
 
 
-def test_the_world_s_frame_does_not_matter() -> None:
+def test_tracks_are_invariant_to_the_world_frame() -> None:
     world = make_world()
     elsewhere = make_pose(np.array([30.0, -20.0, 5.0]), Rotation.from_rotvec([0.3, -0.5, 2.0]))
     candidates = world.all_matches(10, np.random.default_rng(1))
@@ -144,7 +141,7 @@ def test_the_world_s_frame_does_not_matter() -> None:
     np.testing.assert_array_equal(here.range_m, there.range_m)
 
 
-def test_nothing_to_associate_gives_no_tracks() -> None:
+def test_no_matches_give_no_tracks() -> None:
     world = make_world()
     empty = Matches(0, 1, np.zeros((0, 2), dtype=np.int64), np.zeros(0))
     for candidates in ([], [empty]):
@@ -152,7 +149,7 @@ def test_nothing_to_associate_gives_no_tracks() -> None:
         assert (len(tracks), tracks.count) == (0, 0)
 
 
-def test_short_tracks_are_left_out() -> None:
+def test_tracks_have_at_least_min_views() -> None:
     world = make_world()
     candidates = world.all_matches(0, np.random.default_rng(1))
     for min_views in (2, 5):

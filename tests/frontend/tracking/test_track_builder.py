@@ -1,4 +1,4 @@
-"""Tracks: the promises of their type, and a slow union-find with sets that must find the same."""
+"""Track building: the invariants of Tracks, and equality with a plain merging of sets."""
 
 from dataclasses import dataclass, replace
 
@@ -9,36 +9,34 @@ from hypothesis import strategies as st
 
 from asfm.frontend.tracking.track_builder import build_tracks, share_changed
 from asfm.types import Keypoints, Matches, Tracks
+from tests.worlds import make_keypoints
 
 Node = tuple[int, int]
 """(frame, keypoint)"""
 
 
-def make_keypoints(counts: list[int]) -> list[Keypoints]:
-    """Keypoints whose range tells who they are: frame + keypoint / 1000, and whose bearing is minus that."""
-    found = []
-    for frame, count in enumerate(counts):
-        name = frame + np.arange(count) / 1000
-        nothing = np.zeros((count, 2))
-        found.append(
-            Keypoints(nothing, name, -name, name, np.zeros((count, 8), np.uint8), np.zeros((count, 3, 3), np.float32))
-        )
-    return found
+def numbered_keypoints(counts: list[int]) -> list[Keypoints]:
+    """Make keypoints whose range encodes frame and index, frame + keypoint / 1000; their bearing is minus that."""
+    codes = [frame + np.arange(count) / 1000 for frame, count in enumerate(counts)]
+    return [make_keypoints(code, -code) for code in codes]
 
 
 @dataclass(frozen=True)
 class Case:
+    """Numbers of keypoints of each frame, and matches of them."""
+
     counts: list[int]
     matches: list[Matches]
 
     @property
     def keypoints(self) -> list[Keypoints]:
-        return make_keypoints(self.counts)
+        return numbered_keypoints(self.counts)
 
 
-def make_case(seed: int, frames: int, most: int, density: float, distinct: bool = True) -> Case:
+def make_case(seed: int, frames: int, max_keypoints: int, density: float, distinct: bool = True) -> Case:
+    """Draw random matches between all pairs of frames, with distinct costs or with ties."""
     rng = np.random.default_rng(seed)
-    counts = rng.integers(0, most + 1, frames).tolist()
+    counts = rng.integers(0, max_keypoints + 1, frames).tolist()
     index = []
     for a in range(frames):
         for b in range(a + 1, frames):
@@ -56,22 +54,22 @@ CASES_WITH_TIES = st.builds(
 )
 
 
-def join_slowly(case: Case, min_views: int) -> set[frozenset[Node]]:
-    """Merge plain sets, cheapest match first, never two keypoints of a frame."""
+def merge_sets(case: Case, min_views: int) -> set[frozenset[Node]]:
+    """Merge sets of keypoints, cheapest match first, never two keypoints of one frame."""
     edges = [
         (cost, (match.frame_a, a), (match.frame_b, b))
         for match in case.matches
         for (a, b), cost in zip(match.index.tolist(), match.cost.tolist(), strict=True)
     ]
-    home = {(frame, k): {(frame, k)} for frame, count in enumerate(case.counts) for k in range(count)}
+    group_of = {(frame, k): {(frame, k)} for frame, count in enumerate(case.counts) for k in range(count)}
     for _, a, b in sorted(edges, key=lambda edge: edge[0]):
-        one, other = home[a], home[b]
+        one, other = group_of[a], group_of[b]
         if one is other or {frame for frame, _ in one} & {frame for frame, _ in other}:
             continue
         one |= other
         for node in other:
-            home[node] = one
-    return {frozenset(group) for group in home.values() if len(group) >= min_views}
+            group_of[node] = one
+    return {frozenset(group) for group in group_of.values() if len(group) >= min_views}
 
 
 def members(tracks: Tracks) -> set[frozenset[Node]]:
@@ -84,29 +82,29 @@ def members(tracks: Tracks) -> set[frozenset[Node]]:
 
 @settings(max_examples=150, deadline=None)
 @given(st.one_of(CASES, CASES_WITH_TIES), st.integers(2, 4))
-def test_tracks_are_those_of_merging_sets(case: Case, min_views: int) -> None:
-    assert members(build_tracks(case.keypoints, case.matches, min_views)) == join_slowly(case, min_views)
+def test_tracks_equal_merged_sets(case: Case, min_views: int) -> None:
+    assert members(build_tracks(case.keypoints, case.matches, min_views)) == merge_sets(case, min_views)
 
 
 @settings(max_examples=100, deadline=None)
 @given(st.one_of(CASES, CASES_WITH_TIES), st.integers(2, 4))
-def test_tracks_keep_the_promises_of_their_type(case: Case, min_views: int) -> None:
+def test_tracks_satisfy_the_invariants_of_their_type(case: Case, min_views: int) -> None:
     tracks = build_tracks(case.keypoints, case.matches, min_views)
-    place = list(zip(tracks.track.tolist(), tracks.frame.tolist(), strict=True))
-    assert place == sorted(set(place)), "sorted by (track, frame), a frame only once in a track"
+    track_frame = list(zip(tracks.track.tolist(), tracks.frame.tolist(), strict=True))
+    assert track_frame == sorted(set(track_frame)), "sorted by (track, frame), a frame only once in a track"
     assert sorted(set(tracks.track.tolist())) == list(range(tracks.count))
     assert (np.bincount(tracks.track, minlength=1) >= (min_views if tracks.count else 0)).all()
     assert tracks.track.dtype == tracks.frame.dtype == np.int64
     assert len(tracks.range_m) == len(tracks.bearing_rad) == len(tracks)
-    names = set(tracks.range_m.tolist())
-    assert len(names) == len(tracks), "no keypoint is in two tracks"
+    codes = set(tracks.range_m.tolist())
+    assert len(codes) == len(tracks), "no keypoint is in two tracks"
     np.testing.assert_array_equal(np.floor(tracks.range_m + 1e-9), tracks.frame)
     np.testing.assert_array_equal(tracks.bearing_rad, -tracks.range_m)
 
 
 @settings(max_examples=60, deadline=None)
 @given(CASES, st.integers(0, 2**32 - 1))
-def test_order_of_the_matches_does_not_matter(case: Case, seed: int) -> None:
+def test_tracks_are_invariant_to_the_order_of_matches(case: Case, seed: int) -> None:
     rng = np.random.default_rng(seed)
     shuffled = []
     for which in rng.permutation(len(case.matches)):
@@ -120,8 +118,8 @@ def test_order_of_the_matches_does_not_matter(case: Case, seed: int) -> None:
     assert members(build_tracks(case.keypoints, shuffled)) == members(build_tracks(case.keypoints, case.matches))
 
 
-def test_the_cheaper_of_two_that_clash_wins() -> None:
-    keypoints = make_keypoints([1, 2, 1])
+def test_the_cheaper_of_two_conflicting_matches_is_used() -> None:
+    keypoints = numbered_keypoints([1, 2, 1])
     first = Matches(0, 1, np.array([[0, 0], [0, 1]]), np.array([0.5, 0.1]))
     second = Matches(1, 2, np.array([[0, 0]]), np.array([0.3]))
     assert members(build_tracks(keypoints, [first, second])) == {
@@ -134,16 +132,16 @@ def test_a_long_chain_is_one_track() -> None:
     count = 300
     chain = [Matches(frame, frame + 1, np.array([[0, 0]]), np.array([float(frame)])) for frame in range(count - 1)]
     for matches in (chain, chain[::-1], chain[::2] + chain[1::2]):
-        tracks = build_tracks(make_keypoints([1] * count), matches)
+        tracks = build_tracks(numbered_keypoints([1] * count), matches)
         np.testing.assert_array_equal(tracks.frame, np.arange(count))
         assert tracks.count == 1
 
 
 @pytest.mark.parametrize("counts", [[], [0], [0, 0, 0], [3, 2]])
-def test_nothing_matched_is_no_track(counts: list[int]) -> None:
+def test_no_matches_give_no_tracks(counts: list[int]) -> None:
     nothing = [Matches(0, 1, np.zeros((0, 2), dtype=np.int64), np.zeros(0))] if len(counts) > 1 else []
     for matches in ([], nothing):
-        tracks = build_tracks(make_keypoints(counts), matches)
+        tracks = build_tracks(numbered_keypoints(counts), matches)
         assert (len(tracks), tracks.count) == (0, 0)
         assert [array.shape for array in (tracks.track, tracks.frame, tracks.range_m, tracks.bearing_rad)] == [(0,)] * 4
 
@@ -156,9 +154,9 @@ def test_sigma_is_the_median_over_the_matches_of_a_keypoint(seed: int) -> None:
     tracks = build_tracks(case.keypoints, matches)
     assert tracks.sigma is not None and len(tracks.sigma) == len(tracks) > 0
     for frame, range_m, sigma in zip(tracks.frame, tracks.range_m, tracks.sigma, strict=True):
-        name = round((range_m - frame) * 1000)
+        keypoint = round((range_m - frame) * 1000)
         own = [
-            match.sigma[match.index[:, side] == name]
+            match.sigma[match.index[:, side] == keypoint]
             for match in matches
             for side, at in enumerate((match.frame_a, match.frame_b))
             if at == frame and match.sigma is not None
@@ -167,7 +165,7 @@ def test_sigma_is_the_median_over_the_matches_of_a_keypoint(seed: int) -> None:
         assert sigma.tolist() == stated[len(stated) // 2].tolist()
 
 
-def test_sigma_is_not_known_where_a_match_states_none() -> None:
+def test_sigma_is_none_if_any_match_states_none() -> None:
     case = make_case(0, 5, 5, 0.4)
     assert build_tracks(case.keypoints, case.matches).sigma is None
     some = [replace(case.matches[0], sigma=np.ones((len(case.matches[0]), 2))), *case.matches[1:]]
@@ -175,14 +173,14 @@ def test_sigma_is_not_known_where_a_match_states_none() -> None:
 
 
 def make_tracks(rng: np.random.Generator, count: int) -> Tracks:
-    """Tracks of three observations each, of keypoints that no other has."""
+    """Make tracks of three observations each, of distinct keypoints."""
     keypoint = np.repeat(rng.choice(2**40, count, replace=False), 3)
     track, frame = np.repeat(np.arange(count), 3), np.tile(np.arange(3), count)
     return Tracks(track, frame, rng.random(3 * count), rng.random(3 * count), keypoint=keypoint)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_what_changed_is_counted_by_observations_and_not_by_numbers_of_tracks(seed: int) -> None:
+def test_share_changed_counts_observations_whatever_the_track_numbers(seed: int) -> None:
     rng = np.random.default_rng(seed)
     tracks, other = make_tracks(rng, 20), make_tracks(rng, 20)
     used, fewer = np.ones(60, dtype=bool), np.arange(60) < 45
@@ -191,15 +189,14 @@ def test_what_changed_is_counted_by_observations_and_not_by_numbers_of_tracks(se
     assert share_changed(tracks, used, tracks, fewer) == share_changed(tracks, fewer, tracks, used) == 0.25
     order = np.argsort(19 - tracks.track, kind="stable")
     assert tracks.keypoint is not None
-    turned = replace(tracks, frame=tracks.frame[order], keypoint=tracks.keypoint[order])
-    assert share_changed(tracks, used, turned, used) == 0
+    renumbered = replace(tracks, frame=tracks.frame[order], keypoint=tracks.keypoint[order])
+    assert share_changed(tracks, used, renumbered, used) == 0
     assert share_changed(tracks, ~used, tracks, ~used) == 0
 
 
-def test_observations_know_their_keypoints_even_where_two_lie_at_one_place() -> None:
+def test_keypoints_of_observations_are_right_where_two_coincide() -> None:
     """Keypoints 0 and 1 of each of three frames coincide; only keypoint 1 is matched."""
-    place, patches = np.array([[3.0, 4.0], [3.0, 4.0], [8.0, 9.0]]), np.zeros((3, 3, 3), dtype=np.float32)
-    frame = Keypoints(place, place[:, 0], place[:, 1], np.ones(3), np.zeros((3, 61), dtype=np.uint8), patches)
+    frame = make_keypoints(np.array([3.0, 3.0, 8.0]), np.array([0.4, 0.4, 0.9]))
     matches = [Matches(a, a + 1, np.array([[1, 1]]), np.zeros(1)) for a in range(2)]
     tracks = build_tracks([frame] * 3, matches)
     assert tracks.keypoint is not None
@@ -208,7 +205,7 @@ def test_observations_know_their_keypoints_even_where_two_lie_at_one_place() -> 
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_observations_are_those_of_their_keypoints(seed: int) -> None:
+def test_observations_have_the_pixels_of_their_keypoints(seed: int) -> None:
     case = make_case(seed, 5, 5, 0.4)
     tracks = build_tracks(case.keypoints, case.matches)
     assert tracks.keypoint is not None and len(tracks)
