@@ -1,1 +1,1 @@
-"""Odometry, depth and attitude: read at the frames' stamps, cleaned and checked against each other."""
+"""Navigation sensors: odometry, depth and attitude, read at the frame times, filtered and checked for consistency."""

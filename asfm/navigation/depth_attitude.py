@@ -1,4 +1,4 @@
-"""Depth and attitude as constraints on frames: single wrong readings rejected, gaps left without a constraint."""
+"""Depth and attitude readings interpolated at the frame times, with outliers rejected and gaps left unconstrained."""
 
 from dataclasses import dataclass
 
@@ -11,16 +11,19 @@ from asfm.navigation.outlier_filter import find_outliers
 from asfm.sequence import Sequence
 from asfm.types import BoolArray, FloatArray, Navigation, Trajectory
 
-LONGEST_GAP_S = 1.0
-GAP_INTERVALS = 3.0
-"""Readings are interpolated over a second or this many of their median intervals, whichever is longer."""
+MAX_GAP_S = 1.0
+MAX_GAP_INTERVALS = 3.0
+"""Readings are interpolated across at most this time or this many of their median intervals, whichever is longer."""
+SAME_TIME_S = 1e-9
+"""Stamps closer than this are the same."""
 CHANNELS = ("depth", "roll", "pitch")
 UNITS = ((1.0, "m"), (180 / np.pi, "deg"), (180 / np.pi, "deg"))
+"""Factor from the internal unit of each channel, and the unit that messages state."""
 
 
 @dataclass(frozen=True)
 class DepthAttitude:
-    """What navigation says of each frame's height, roll and pitch."""
+    """Measured height, roll and pitch of the vehicle at the frame times."""
 
     z_roll_pitch: FloatArray
     """(N, 3) metres and radians, finite; (0, 3) without navigation."""
@@ -32,60 +35,70 @@ class DepthAttitude:
 def interpolate_depth_attitude(
     sequence: Sequence, config: BackendConfig, odometry: Trajectory | None = None
 ) -> DepthAttitude:
-    """Interpolate depth and attitude at the frames' stamps.
+    """Interpolate depth and attitude at the frame times.
 
-    A reading that stands alone against the running median of its neighbours is left out. So are frames in a gap of
-    the readings or outside their time. Where readings are rarer than frames, several frames share what one reading
-    knows: their sigmas are widened by the root of their number.
+    Outliers are rejected first. Frames in a gap of the readings or outside their time get infinite sigmas. Where
+    readings are rarer than frames, several frames share the information of one reading: their sigmas are multiplied by
+    the root of their number.
 
     Args:
-        odometry: what is taken off the readings before they are compared with each other, so that a vehicle that
-            really moves is not taken for a wrong reading.
+        sequence: frame times, readings and their stated noise.
+        config: whether navigation is used.
+        odometry: world_from_vehicle; subtracted from the readings before outliers are sought, so that a fast motion
+            that odometry confirms is not rejected.
     """
     navigation = sequence.navigation
     if navigation is None or not config.use_navigation or not len(navigation.timestamps_s):
         return DepthAttitude(np.zeros((0, 3)), np.zeros((0, 3)))
     readings = stack_readings(navigation)
     sigma = _sensor_sigma(sequence)
-    level = _detrend(readings, navigation, odometry)
-    wrong, away = find_outliers(level, sigma + _odometry_sigma(sequence, odometry), navigation.timestamps_s)
-    values, widened = np.empty((len(sequence), 3)), np.empty((len(sequence), 3))
+    detrended = _detrend(readings, navigation, odometry)
+    outlier, deviation = find_outliers(detrended, sigma + _odometry_sigma(sequence, odometry), navigation.timestamps_s)
+    values, shared_sigma = np.empty((len(sequence), 3)), np.empty((len(sequence), 3))
     for channel in range(3):
-        good = ~wrong[:, channel]
-        stamps_s = navigation.timestamps_s[good]
-        values[:, channel] = np.interp(sequence.timestamps_s, stamps_s, readings[good, channel])
+        inlier = ~outlier[:, channel]
+        stamps_s = navigation.timestamps_s[inlier]
+        values[:, channel] = np.interp(sequence.timestamps_s, stamps_s, readings[inlier, channel])
         sharing = frames_per_reading(stamps_s, sequence.timestamps_s, navigation.timestamps_s)
-        widened[:, channel] = sigma[channel] * np.sqrt(sharing)
-    far = ~np.isfinite(frames_per_reading(navigation.timestamps_s, sequence.timestamps_s))
-    return DepthAttitude(values, widened, (*_diagnose_outliers(wrong, away, sigma), *_diagnose_gaps(far)))
+        shared_sigma[:, channel] = sigma[channel] * np.sqrt(sharing)
+    gap = ~np.isfinite(frames_per_reading(navigation.timestamps_s, sequence.timestamps_s))
+    diagnostics = (*_diagnose_outliers(outlier, deviation, sigma), *_diagnose_gaps(gap))
+    return DepthAttitude(values, shared_sigma, diagnostics)
 
 
 def stack_readings(navigation: Navigation) -> FloatArray:
-    """Give the readings as (R, 3) z_m, roll_rad, pitch_rad; the roll runs on beyond half a turn."""
+    """Return the readings as (R, 3) z_m, roll_rad, pitch_rad; the roll is unwrapped along R."""
     return np.stack([navigation.z_m, np.unwrap(navigation.roll_rad), navigation.pitch_rad], axis=1)
 
 
-def frames_per_reading(stamps_s: FloatArray, at_s: FloatArray, all_s: FloatArray | None = None) -> FloatArray:
-    """Count how many stamps share the knowledge of one reading: (M,), at least 1; infinite where none is near.
+def frames_per_reading(
+    reading_s: FloatArray, frame_s: FloatArray, all_readings_s: FloatArray | None = None
+) -> FloatArray:
+    """Count how many frames share the information of one reading.
 
     Args:
-        stamps_s: (R,) stamps of the readings, rising.
-        at_s: (M,) stamps that ask, rising.
-        all_s: stamps of the readings before any was left out: what their usual interval follows from.
+        reading_s: (R,) rising stamps of the readings.
+        frame_s: (M,) rising stamps of the frames.
+        all_readings_s: stamps before outliers were rejected, from which the median interval of the readings is taken;
+            those of the readings where None.
+
+    Returns:
+        (M,) number of frames for each frame, at least 1; infinite where no reading is near.
     """
-    if not len(stamps_s):
-        return np.full(len(at_s), np.inf)
-    usual = stamps_s if all_s is None else all_s
-    interval_s = float(np.median(np.diff(usual))) if len(usual) > 1 else LONGEST_GAP_S
-    asked_s = float(np.median(np.diff(at_s))) if len(at_s) > 1 else interval_s
-    after = np.clip(np.searchsorted(stamps_s, at_s), 1, max(len(stamps_s) - 1, 1))
-    before_s, after_s = stamps_s[after - 1], stamps_s[np.minimum(after, len(stamps_s) - 1)]
-    apart_s = np.minimum(np.abs(at_s - before_s), np.abs(after_s - at_s))
-    inside = (at_s >= before_s) & (at_s <= after_s)
-    bridged = inside & (after_s - before_s <= max(LONGEST_GAP_S, GAP_INTERVALS * interval_s))
-    beside = apart_s <= 0.5 * max(interval_s, asked_s) + 1e-9
-    share = np.where(bridged, np.maximum((after_s - before_s) / max(asked_s, 1e-12), 1.0), 1.0)
-    return np.asarray(np.where(bridged | beside, np.where(apart_s <= 1e-9, np.minimum(share, 1.0), share), np.inf))
+    if not len(reading_s):
+        return np.full(len(frame_s), np.inf)
+    recorded_s = reading_s if all_readings_s is None else all_readings_s
+    interval_s = float(np.median(np.diff(recorded_s))) if len(recorded_s) > 1 else MAX_GAP_S
+    frame_interval_s = float(np.median(np.diff(frame_s))) if len(frame_s) > 1 else interval_s
+    after = np.clip(np.searchsorted(reading_s, frame_s), 1, max(len(reading_s) - 1, 1))
+    before_s, after_s = reading_s[after - 1], reading_s[np.minimum(after, len(reading_s) - 1)]
+    nearest_s = np.minimum(np.abs(frame_s - before_s), np.abs(after_s - frame_s))
+    between = (frame_s >= before_s) & (frame_s <= after_s)
+    bridged = between & (after_s - before_s <= max(MAX_GAP_S, MAX_GAP_INTERVALS * interval_s))
+    near = nearest_s <= 0.5 * max(interval_s, frame_interval_s) + SAME_TIME_S
+    share = np.where(bridged, np.maximum((after_s - before_s) / max(frame_interval_s, 1e-12), 1.0), 1.0)
+    share = np.where(nearest_s <= SAME_TIME_S, np.minimum(share, 1.0), share)
+    return np.asarray(np.where(bridged | near, share, np.inf))
 
 
 def _sensor_sigma(sequence: Sequence) -> FloatArray:
@@ -101,33 +114,33 @@ def _odometry_sigma(sequence: Sequence, odometry: Trajectory | None) -> FloatArr
 
 
 def _detrend(readings: FloatArray, navigation: Navigation, odometry: Trajectory | None) -> FloatArray:
-    """Take the odometry's height and tilt off the readings: what is left wanders slowly."""
+    """Subtract the odometry's height, roll and pitch from (R, 3) readings; the rest varies slowly."""
     if odometry is None:
         return readings
-    level = depth_roll_pitch(interpolate(odometry.timestamps_s, odometry.world_from_vehicle, navigation.timestamps_s))
-    return readings - level
+    poses = interpolate(odometry.timestamps_s, odometry.world_from_vehicle, navigation.timestamps_s)
+    return readings - depth_roll_pitch(poses)
 
 
-def _diagnose_outliers(wrong: BoolArray, away: FloatArray, sigma: FloatArray) -> list[Diagnostic]:
+def _diagnose_outliers(outlier: BoolArray, deviation: FloatArray, sigma: FloatArray) -> list[Diagnostic]:
     found = []
     for channel, (name, (scale, unit)) in enumerate(zip(CHANNELS, UNITS, strict=True)):
-        count = int(wrong[:, channel].sum())
+        count = int(outlier[:, channel].sum())
         if count:
-            worst = scale * float(away[wrong[:, channel], channel].max())
+            worst = scale * float(deviation[outlier[:, channel], channel].max())
             message = (
-                f"navigation: {count} of {len(wrong)} {name} readings differ from their neighbours by up to "
+                f"navigation: {count} of {len(outlier)} {name} readings differ from their neighbours by up to "
                 f"{worst:.3g} {unit}, where the stated sigma is {scale * float(sigma[channel]):.2g} {unit}: rejected"
             )
             found.append(Diagnostic("navigation-outliers", message))
     return found
 
 
-def _diagnose_gaps(far: BoolArray) -> list[Diagnostic]:
-    if not far.any():
+def _diagnose_gaps(gap: BoolArray) -> list[Diagnostic]:
+    if not gap.any():
         return []
-    runs = frame_runs(far)
+    runs = frame_runs(gap)
     message = (
-        f"navigation: no reading near {int(far.sum())} of {len(far)} frames ({format_runs(runs)}): depth and attitude "
+        f"navigation: no reading near {int(gap.sum())} of {len(gap)} frames ({format_runs(runs)}): depth and attitude "
         "do not constrain them"
     )
     return [Diagnostic("navigation-gap", message, runs)]

@@ -1,4 +1,4 @@
-"""Frames that show the image of the frame before once more, while the vehicle moves: a recorder's hiccup."""
+"""Duplicate frames: images that a recorder repeated while the vehicle moved."""
 
 from collections.abc import Sequence as Rows
 from itertools import pairwise
@@ -9,16 +9,17 @@ from scipy.spatial.transform import Rotation
 from asfm.diagnostics import Diagnostic, format_runs, frame_runs
 from asfm.geometry.poses import steps_between
 from asfm.navigation.odometry import Odometry
-from asfm.types import BoolArray, Keypoints, Matches
+from asfm.types import BoolArray, FloatArray, Keypoints, Matches
 
-FEWEST_KEYPOINTS = 10
-"""An image with fewer features may look like another by chance."""
+MIN_KEYPOINTS = 10
+"""With fewer keypoints two images may agree by chance."""
+STEP_DEGREES_OF_FREEDOM = 6
 
 
 def find_duplicate_frames(keypoints: Rows[Keypoints]) -> BoolArray:
-    """Tell which frames show exactly the features of the frame before, to the last bit: (N,)."""
+    """Return which (N,) frames have exactly the keypoints of the frame before, bit by bit."""
     same = [
-        len(after) >= FEWEST_KEYPOINTS
+        len(after) >= MIN_KEYPOINTS
         and np.array_equal(before.range_m, after.range_m)
         and np.array_equal(before.bearing_rad, after.bearing_rad)
         for before, after in pairwise(keypoints)
@@ -29,25 +30,28 @@ def find_duplicate_frames(keypoints: Rows[Keypoints]) -> BoolArray:
 def drop_duplicate_frames(
     keypoints: Rows[Keypoints], candidates: list[Matches], odometry: Odometry | None
 ) -> tuple[list[Matches], tuple[Diagnostic, ...]]:
-    """Leave out the matches of repeated frames where odometry has moved meanwhile: they would say that it stood still.
+    """Drop the matches of duplicate frames during which odometry moved: they would imply a standstill.
 
-    A sonar that stands before a still scene may well repeat itself: where odometry does not move, nothing is left out.
+    A stationary sonar in a static scene may rightly repeat its image: where odometry does not move, all matches stay.
+
+    Args:
+        keypoints: those of the N frames.
+        candidates: matches of pairs of frames.
+        odometry: steps between the frames; None keeps all matches.
 
     Returns:
-        The matches that remain, and a diagnostic where some were left out.
+        The remaining matches, and a diagnostic where some were dropped.
     """
     duplicates = find_duplicate_frames(keypoints)
     if odometry is None or not duplicates.any():
         return candidates, ()
-    steps, sigma = steps_between(odometry.world_from_vehicle), odometry.step_sigma
+    steps = steps_between(odometry.world_from_vehicle)
     turn_rad = np.linalg.norm(Rotation.from_matrix(steps[:, :3, :3]).as_rotvec(), axis=1)
     shift_m = np.linalg.norm(steps[:, :3, 3], axis=1)
-    squares = (turn_rad / sigma[:, 0]) ** 2 + (shift_m / sigma[:, 1]) ** 2
-    meanwhile = duplicates[1:]
-    # noise alone makes six on average, as many as a step has degrees of freedom
-    if squares.sum() < 6 * len(steps) + 3 * np.sqrt(12 * len(steps)) or squares[meanwhile].mean() < 6:
+    repeated = duplicates[1:]
+    if not _has_moved(turn_rad, shift_m, odometry.step_sigma, repeated):
         return candidates, ()
-    turn_rad, shift_m = turn_rad[meanwhile], shift_m[meanwhile]
+    turn_rad, shift_m = turn_rad[repeated], shift_m[repeated]
     kept = [match for match in candidates if not (duplicates[match.frame_a] or duplicates[match.frame_b])]
     runs = frame_runs(duplicates)
     message = (
@@ -56,3 +60,15 @@ def drop_duplicate_frames(
         "their matches are left out"
     )
     return kept, (Diagnostic("duplicate-frames", message, runs),)
+
+
+def _has_moved(turn_rad: FloatArray, shift_m: FloatArray, step_sigma: FloatArray, repeated: BoolArray) -> bool:
+    """Test whether odometry moved by more than its noise, over all (N - 1,) steps and over the repeated ones.
+
+    The squared norm of a step that is noise alone is chi-square distributed with six degrees of freedom: the mean is
+    6, the variance 12.
+    """
+    squares = (turn_rad / step_sigma[:, 0]) ** 2 + (shift_m / step_sigma[:, 1]) ** 2
+    freedom = STEP_DEGREES_OF_FREEDOM
+    limit = freedom * len(squares) + 3 * np.sqrt(2 * freedom * len(squares))
+    return not (squares.sum() < limit or squares[repeated].mean() < freedom)

@@ -1,4 +1,4 @@
-"""Navigation at the frames: odometry, depth and attitude, read once, cleaned and brought into one world."""
+"""Navigation at the frame times: odometry, depth and attitude, interpolated, filtered and in one world frame."""
 
 from dataclasses import dataclass, replace
 
@@ -13,10 +13,10 @@ from asfm.types import Trajectory
 
 @dataclass(frozen=True)
 class FrameNavigation:
-    """What the vehicle's own sensors measured at the frames' stamps."""
+    """What the vehicle's sensors other than the sonar measured, at the frame times."""
 
     odometry: Odometry | None
-    """None where there is none or it is not used. Its world is that of depth and attitude, if there are any."""
+    """None where there is none or it is not used. In the world frame of depth and attitude, if there are any."""
     depth_attitude: DepthAttitude
     """Without readings where there are none or they are not used."""
 
@@ -28,10 +28,14 @@ class FrameNavigation:
 
 
 def read_navigation(sequence: Sequence, config: BackendConfig) -> FrameNavigation:
-    """Interpolate odometry, depth and attitude at the frames' stamps, and reject single wrong readings.
+    """Interpolate odometry, depth and attitude at the frame times, and reject outliers.
 
-    Odometry that starts at another depth, roll or pitch than the sensors of these say is moved there, unless the two
-    contradict each other later on as well.
+    Odometry whose initial depth, roll or pitch differs from the readings of the other sensors is moved to these,
+    except in the channels in which the two contradict each other later on as well.
+
+    Args:
+        sequence: frame times, readings and their stated noise.
+        config: which sensors are used.
     """
     odometry = read_odometry(sequence, config)
     if odometry is None:

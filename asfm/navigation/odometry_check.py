@@ -1,4 +1,4 @@
-"""Odometry before the court: what the images say of it, and whom they believe where navigation contradicts it."""
+"""Test odometry against image matches, and resolve conflicts between odometry and depth/attitude."""
 
 from collections.abc import Sequence as Rows
 from dataclasses import dataclass, replace
@@ -10,9 +10,9 @@ from asfm.config import Config
 from asfm.diagnostics import Diagnostic
 from asfm.geometry.feature_noise import feature_sigma
 from asfm.geometry.poses import depth_roll_pitch, heading, invert, make_pose, steps_between
-from asfm.navigation.depth_attitude import DepthAttitude
+from asfm.geometry.sonar import SonarModel
 from asfm.navigation.odometry_hypotheses import (
-    GIVEN,
+    AS_RECORDED,
     PointPairs,
     expected_arc_distance_m,
     median_arc_distance_m,
@@ -24,50 +24,55 @@ from asfm.navigation.sensor_constraints import SensorConstraints
 from asfm.sequence import Sequence
 from asfm.types import FloatArray, SensorNoise
 
-FEWEST_PAIRS = 8
-"""Pairs of frames below which the images are no witness."""
-CONTRADICTED = 1.5
-"""Odometry is contradicted when points lie this many times the expected distance from where it puts them; right
-odometry makes about half of it."""
-DOUBTFUL = 0.75
-"""From this many times on it is, too, where it is worse than no motion at all, or a usual fault explains it."""
-BETTER = 0.6
-"""Another explanation counts when it leaves at most this share of the distance."""
-EQUAL = 1.15
-"""Explanations whose distances differ by less are equal."""
-WORSE = 1.25
-"""Odometry is worse than no motion at all when it leaves this many times its distance."""
-AS_GOOD = 0.9
-"""The images side with navigation when its height and tilt take the distance below this share."""
-STILL = "without any motion"
-SHOWN = "by the motion that the images show"
+MIN_FRAME_PAIRS = 8
+"""With fewer frame pairs the odometry is not tested."""
+CONFLICT_RATIO = 1.5
+"""Odometry contradicts the images when its arc distance exceeds the expected one by this factor; the ratio of right
+odometry is about 0.5."""
+CONFLICT_RATIO_WITH_ALTERNATIVE = 0.75
+"""The same where a common fault explains the images, or where no motion at all explains them better."""
+BETTER_FIT_RATIO = 0.6
+"""An alternative explains the images better when its arc distance is at most this share of the odometry's."""
+TIE_RATIO = 1.15
+"""Hypotheses whose arc distances differ by at most this factor are equally good."""
+WORSE_THAN_STATIONARY_RATIO = 1.25
+"""Odometry is worse than no motion at all when its arc distance exceeds that of a stationary sonar by this factor."""
+ATTITUDE_BETTER_FIT_RATIO = 0.9
+"""The images agree with navigation when its height, roll and pitch reduce the arc distance below this share."""
 
 
 @dataclass(frozen=True)
 class OdometryTest:
-    """How far points lie from where each explanation puts them, in the median over pairs of frames."""
+    """Hypothesis test of the odometry: arc distances under each hypothesis, in the median over frame pairs."""
 
     pairs: int
+    """Number of frame pairs."""
     distance_m: dict[str, float]
+    """Arc distance by hypothesis, see :func:`odometry_hypotheses`."""
+    stationary_m: float
+    """Arc distance without any motion."""
+    planar_m: float
+    """Arc distance under the planar motion fitted to each frame pair."""
     over_expected: float
-    """Odometry's own distance over what noise makes of it."""
+    """Arc distance of the odometry as recorded over that of noise alone."""
 
     @property
-    def likely(self) -> str | None:
-        """The fault without which odometry fits the images best, if it fits them well; of equals the commonest."""
-        faults = {name: miss_m for name, miss_m in self.distance_m.items() if name not in (GIVEN, STILL, SHOWN)}
+    def likely_fault(self) -> str | None:
+        """The fault whose correction fits the images best, if it fits clearly better; the commonest of equal ones."""
+        faults = {name: distance_m for name, distance_m in self.distance_m.items() if name != AS_RECORDED}
         least_m = min(faults.values())
-        best = next(name for name, miss_m in faults.items() if miss_m <= EQUAL * least_m)
-        return best if least_m < BETTER * self.distance_m[GIVEN] else None
+        best = next(name for name, distance_m in faults.items() if distance_m <= TIE_RATIO * least_m)
+        return best if least_m < BETTER_FIT_RATIO * self.distance_m[AS_RECORDED] else None
 
     @property
     def contradicted(self) -> bool:
-        """Whether the images contradict the odometry clearly."""
-        given_m = self.distance_m[GIVEN]
-        if self.distance_m[SHOWN] > BETTER * given_m:
+        """Whether the images clearly contradict the odometry."""
+        recorded_m = self.distance_m[AS_RECORDED]
+        if self.planar_m > BETTER_FIT_RATIO * recorded_m:
             return False
-        doubtful = self.likely is not None or given_m > WORSE * self.distance_m[STILL]
-        return self.over_expected > (DOUBTFUL if doubtful else CONTRADICTED)
+        worse_than_stationary = recorded_m > WORSE_THAN_STATIONARY_RATIO * self.stationary_m
+        alternative = self.likely_fault is not None or worse_than_stationary
+        return self.over_expected > (CONFLICT_RATIO_WITH_ALTERNATIVE if alternative else CONFLICT_RATIO)
 
 
 def compare_odometry_hypotheses(
@@ -77,46 +82,57 @@ def compare_odometry_hypotheses(
     sequence: Sequence,
     config: Config,
 ) -> OdometryTest | None:
-    """Hold odometry, (N, 4, 4), and what it may be in truth against the images; None where these show too little."""
-    if len(point_pairs) < FEWEST_PAIRS:
+    """Compare the odometry and hypotheses of its common faults with the images.
+
+    Args:
+        world_from_vehicle: (N, 4, 4) odometry.
+        sensors: give the sigmas of its steps.
+        point_pairs: planar-motion inliers of frame pairs.
+        sequence: gives the sonar and its lever arm.
+        config: section ``noise``.
+
+    Returns:
+        None with fewer than :data:`MIN_FRAME_PAIRS` frame pairs.
+    """
+    if len(point_pairs) < MIN_FRAME_PAIRS:
         return None
-    lever = sequence.vehicle_from_sonar
+    lever, sonar = sequence.vehicle_from_sonar, sequence.sonar
     distance_m = {
-        name: float(np.median([median_arc_distance_m(seen, poses @ lever, sequence.sonar) for seen in point_pairs]))
+        name: float(np.median([median_arc_distance_m(pair, poses @ lever, sonar) for pair in point_pairs]))
         for name, poses in odometry_hypotheses(world_from_vehicle, lever).items()
     }
-    still = np.broadcast_to(np.eye(4), world_from_vehicle.shape)
-    distance_m[STILL] = float(np.median([median_arc_distance_m(seen, still, sequence.sonar) for seen in point_pairs]))
-    distance_m[SHOWN] = float(np.median([_own_miss(seen, sequence) for seen in point_pairs]))
-    sigma = feature_sigma(sequence.sonar, config.noise)
-    over = [
-        median_arc_distance_m(seen, world_from_vehicle @ lever, sequence.sonar)
-        / expected_arc_distance_m(seen, sigma, sensors.step_sigma)
-        for seen in point_pairs
+    stationary = np.broadcast_to(np.eye(4), world_from_vehicle.shape)
+    stationary_m = float(np.median([median_arc_distance_m(pair, stationary, sonar) for pair in point_pairs]))
+    planar_m = float(np.median([_planar_arc_distance_m(pair, sonar) for pair in point_pairs]))
+    sigma = feature_sigma(sonar, config.noise)
+    ratios = [
+        median_arc_distance_m(pair, world_from_vehicle @ lever, sonar)
+        / expected_arc_distance_m(pair, sigma, sensors.step_sigma)
+        for pair in point_pairs
     ]
-    return OdometryTest(len(point_pairs), distance_m, float(np.median(over)))
+    return OdometryTest(len(point_pairs), distance_m, stationary_m, planar_m, float(np.median(ratios)))
 
 
-def _own_miss(pair: PointPairs, sequence: Sequence) -> float:
+def _planar_arc_distance_m(pair: PointPairs, sonar: SonarModel) -> float:
+    """Return the median arc distance of a pair under its own planar motion."""
     poses = np.stack([np.eye(4), pair.a_from_b])
-    return median_arc_distance_m(replace(pair, frame_a=0, frame_b=1), poses, sequence.sonar)
+    return median_arc_distance_m(replace(pair, frame_a=0, frame_b=1), poses, sonar)
 
 
 def diagnose_odometry(test: OdometryTest, sigma: FloatArray) -> Diagnostic:
     """Report that the images contradict the odometry, and the (2,) sigmas in rad and m that its steps get."""
-    given_m, shown_m = test.distance_m[GIVEN], test.distance_m[SHOWN]
-    likely = test.likely
-    seems = f", or {test.distance_m[likely]:.2g} m {likely}: it is corrected so" if likely else ""
+    recorded_m, fault = test.distance_m[AS_RECORDED], test.likely_fault
+    seems = f", or {test.distance_m[fault]:.2g} m {fault}: it is corrected so" if fault else ""
     message = (
-        f"odometry contradicts the images: over {test.pairs} frame pairs points lie {given_m:.2g} m from where "
-        f"its steps put them, {test.over_expected:.1f} times the expected noise, and {shown_m:.2g} m {SHOWN}{seems}; "
-        f"its steps get sigmas of {np.rad2deg(sigma[0]):.2g} deg and {sigma[1]:.2g} m"
+        f"odometry contradicts the images: over {test.pairs} frame pairs points lie {recorded_m:.2g} m from where "
+        f"its steps put them, {test.over_expected:.1f} times the expected noise, and {test.planar_m:.2g} m by a planar "
+        f"motion fitted to them{seems}; its steps get sigmas of {np.rad2deg(sigma[0]):.2g} deg and {sigma[1]:.2g} m"
     )
     return Diagnostic("odometry-image-conflict", message)
 
 
 def diagnose_time_offset(shift_s: float, sigma: FloatArray) -> Diagnostic:
-    """Report that odometry and navigation agree but for their stamps, and the (2,) sigmas that the steps get."""
+    """Report a time offset between odometry and navigation, and the (2,) sigmas in rad and m that the steps get."""
     message = (
         "odometry and navigation contradict each other in roll and pitch, and agree with odometry about "
         f"{abs(shift_s):.2g} s {'earlier' if shift_s > 0 else 'later'}: its stamps seem wrong; "
@@ -128,15 +144,24 @@ def diagnose_time_offset(shift_s: float, sigma: FloatArray) -> Diagnostic:
 def measure_disagreement(
     world_from_vehicle: FloatArray, point_pairs: Rows[PointPairs], vehicle_from_sonar: FloatArray
 ) -> FloatArray:
-    """Give sigmas (2,) of one step, rotation in rad and translation in m, that cover how odometry and images differ."""
+    """Estimate the sigmas of a step that cover the difference between odometry and the planar motions of the images.
+
+    Args:
+        world_from_vehicle: (N, 4, 4) odometry.
+        point_pairs: planar-motion inliers of frame pairs.
+        vehicle_from_sonar: (4, 4) lever arm.
+
+    Returns:
+        (2,) rotation in rad and translation in m.
+    """
     world_from_sonar = world_from_vehicle @ vehicle_from_sonar
-    differs = []
-    for seen in point_pairs:
-        between = invert(world_from_sonar[seen.frame_a]) @ world_from_sonar[seen.frame_b]
-        turn_rad = np.linalg.norm(Rotation.from_matrix(between[:3, :3].T @ seen.a_from_b[:3, :3]).as_rotvec())
-        shift_m = np.linalg.norm(between[:2, 3] - seen.a_from_b[:2, 3])
-        differs.append(np.array([turn_rad, shift_m]) / abs(seen.frame_b - seen.frame_a))
-    return np.asarray(MAD_TO_SIGMA * np.median(differs, axis=0))
+    differences = []
+    for pair in point_pairs:
+        a_from_b = invert(world_from_sonar[pair.frame_a]) @ world_from_sonar[pair.frame_b]
+        turn_rad = np.linalg.norm(Rotation.from_matrix(a_from_b[:3, :3].T @ pair.a_from_b[:3, :3]).as_rotvec())
+        shift_m = np.linalg.norm(a_from_b[:2, 3] - pair.a_from_b[:2, 3])
+        differences.append(np.array([turn_rad, shift_m]) / abs(pair.frame_b - pair.frame_a))
+    return np.asarray(MAD_TO_SIGMA * np.median(differences, axis=0))
 
 
 def resolve_attitude_conflict(
@@ -145,35 +170,42 @@ def resolve_attitude_conflict(
     point_pairs: Rows[PointPairs],
     sequence: Sequence,
 ) -> tuple[FloatArray, SensorConstraints]:
-    """Where odometry and navigation contradict each other, take the one that the images believe.
+    """Resolve conflicts between odometry and depth or attitude with the images.
 
-    Without a clear answer of the images it is navigation that is left out: what is left is consistent in itself.
+    Where the images agree with navigation, odometry takes its values in the channels concerned. Otherwise navigation is
+    left out there, because odometry alone is free of contradictions.
+
+    Args:
+        world_from_vehicle: (N, 4, 4) odometry.
+        sensors: constraints from the odometry, depth and attitude.
+        point_pairs: planar-motion inliers of frame pairs.
+        sequence: gives the sonar, its lever arm and the stated noise.
 
     Returns:
-        (N, 4, 4) poses to start from, and what holds them.
+        (N, 4, 4) initial poses, and the constraints on them.
     """
-    depth_attitude = DepthAttitude(sensors.z_roll_pitch, sensors.z_roll_pitch_sigma)
-    consistency = compare_odometry_attitude(world_from_vehicle, depth_attitude, sequence.noise)
-    wrong = consistency.contradicts
-    if not wrong.any():
+    consistency = compare_odometry_attitude(world_from_vehicle, sensors.depth_attitude, sequence.noise)
+    conflict = consistency.contradicts
+    if not conflict.any():
         return world_from_vehicle, sensors
     sentences = describe_conflicts(consistency)
     lever = sequence.vehicle_from_sonar
-    if len(point_pairs) >= FEWEST_PAIRS:
-        readings = np.where(wrong, sensors.z_roll_pitch, depth_roll_pitch(world_from_vehicle))
+    if len(point_pairs) >= MIN_FRAME_PAIRS:
+        readings = np.where(conflict, sensors.z_roll_pitch, depth_roll_pitch(world_from_vehicle))
         corrected = _with_depth_attitude(world_from_vehicle, readings)
-        given, other = (
-            float(np.mean([median_arc_distance_m(seen, poses @ lever, sequence.sonar) for seen in point_pairs]))
+        recorded_m, corrected_m = (
+            float(np.mean([median_arc_distance_m(pair, poses @ lever, sequence.sonar) for pair in point_pairs]))
             for poses in (world_from_vehicle, corrected)
         )
-        if other < AS_GOOD * given:
-            told = (
-                f"the images agree with navigation ({other:.2g} m instead of {given:.2g} m): odometry takes its values"
+        if corrected_m < ATTITUDE_BETTER_FIT_RATIO * recorded_m:
+            remedy = (
+                f"the images agree with navigation ({corrected_m:.2g} m instead of {recorded_m:.2g} m): odometry takes "
+                "its values"
             )
-            found = tuple(Diagnostic("sensor-conflict", f"{sentence}; {told}") for sentence in sentences)
+            found = tuple(Diagnostic("sensor-conflict", f"{sentence}; {remedy}") for sentence in sentences)
             return corrected, recompute_steps(sensors, corrected, sequence.noise, found)
     sigma = sensors.z_roll_pitch_sigma.copy()
-    sigma[:, wrong] = np.inf
+    sigma[:, conflict] = np.inf
     found = tuple(Diagnostic("sensor-conflict", f"{sentence}; navigation's is left out") for sentence in sentences)
     return world_from_vehicle, replace(sensors, z_roll_pitch_sigma=sigma, diagnostics=(*sensors.diagnostics, *found))
 
@@ -184,7 +216,14 @@ def recompute_steps(
     noise: SensorNoise,
     diagnostics: tuple[Diagnostic, ...],
 ) -> SensorConstraints:
-    """Measure the steps between corrected poses, (N, 4, 4), with the noise that the readings added to them."""
+    """Replace the steps by those between corrected poses, with the noise that depth and attitude add to them.
+
+    Args:
+        sensors: constraints before the correction.
+        world_from_vehicle: (N, 4, 4) corrected poses.
+        noise: stated noise of depth and attitude.
+        diagnostics: appended to those of the constraints.
+    """
     angle_rad = max(noise.navigation_roll_rad, noise.navigation_pitch_rad)
     added = np.sqrt(2.0) * np.array([angle_rad, noise.navigation_z_m])
     return replace(
@@ -197,7 +236,7 @@ def recompute_steps(
 
 
 def _with_depth_attitude(world_from_vehicle: FloatArray, z_roll_pitch: FloatArray) -> FloatArray:
-    """Give poses the (N, 3) height, roll and pitch of readings, and leave heading and place."""
+    """Replace the height, roll and pitch of (N, 4, 4) poses by (N, 3) readings; keep x, y and heading."""
     angles = np.stack([heading(world_from_vehicle), z_roll_pitch[:, 2], z_roll_pitch[:, 1]], axis=1)
-    place = np.concatenate([world_from_vehicle[:, :2, 3], z_roll_pitch[:, :1]], axis=1)
-    return make_pose(place, Rotation.from_euler("ZYX", angles))
+    position = np.concatenate([world_from_vehicle[:, :2, 3], z_roll_pitch[:, :1]], axis=1)
+    return make_pose(position, Rotation.from_euler("ZYX", angles))

@@ -1,8 +1,8 @@
-"""The images as a witness of motion: where odometry's steps put matched points, and where the images show them.
+"""Planar-motion inliers of near frame pairs, and their arc distance under hypotheses of odometry faults.
 
-Matches of near frames are judged by the planar motion that most agree with, which knows nothing of odometry. What
-agrees is then held against odometry as it is and against the ways in which odometry is usually wrong: an axis
-mirrored, the heading mirrored, a frame turned by a quarter, the lever arm forgotten.
+Matches of near frames are reduced to the inliers of a planar motion, which does not depend on odometry. Their distance
+from the elevation arcs is then measured under the odometry as recorded and under hypotheses of common faults: an
+axis or the heading mirrored, body axes turned by a quarter turn, or a missing lever arm.
 """
 
 from collections.abc import Iterable, Sequence
@@ -16,114 +16,146 @@ from asfm.geometry.poses import heading, invert, make_pose, transform, wrap_angl
 from asfm.geometry.sonar import SonarModel, project
 from asfm.types import FloatArray, Keypoints, Matches
 
-GAPS = (1, 2, 4)
-"""Frames apart at which pairs are looked at: the farther, the clearer the motion and the fewer the matches."""
-BY_PREDICTION = "arc"
-"""Name of the filter that needs predicted poses: what it rejects may be right where the prediction is wrong."""
-MIN_AGREEING = 8
-"""Fewest matches that must agree on a planar motion."""
-MAX_PAIRS = 60
-"""Pairs of frames that are asked, spread over the sequence."""
+FRAME_GAPS = (1, 2, 4)
+"""Gaps of the frame pairs that are tested: wider ones show the motion more clearly, but have fewer matches."""
+PREDICTION_FILTER = "arc"
+"""Filter that uses predicted poses: the matches that it rejects are kept here, because the prediction is on trial."""
+MIN_INLIERS = 8
+MIN_INLIER_SHARE = 0.25
+"""A frame pair is used when a planar motion has at least this many inliers, and this share of its matches."""
+TOLERANCE_PER_RANGE = 0.03
+"""Distance of an inlier from the planar motion, over its range."""
+MAX_FRAME_PAIRS = 60
+"""Frame pairs that are used, spread evenly over the sequence."""
 MAX_POINTS = 60
-"""Points of a pair that are looked at."""
-TRIALS = 100
-ELEVATIONS = 9
-GIVEN = "as it is"
+"""Points of a frame pair that are used."""
+RANSAC_TRIALS = 100
+ARC_POINTS = 9
+AS_RECORDED = "as it is"
+"""Name of the hypothesis that the odometry has no fault."""
 
 
 @dataclass(frozen=True)
 class PointPairs:
-    """Points that two frames share, as the images alone tell."""
+    """Points matched between two frames without the use of odometry."""
 
     frame_a: int
     frame_b: int
-    pixel_a: FloatArray
-    """(M, 2) range_m and bearing_rad."""
-    pixel_b: FloatArray
-    """(M, 2) range_m and bearing_rad."""
+    range_bearing_a: FloatArray
+    """(M, 2) range_m and bearing_rad in frame a."""
+    range_bearing_b: FloatArray
+    """(M, 2) range_m and bearing_rad in frame b."""
     a_from_b: FloatArray
-    """(4, 4) planar motion of the sonar that they agree on; of use where they have agreed."""
+    """(4, 4) planar motion of the sonar whose inliers the points are; the identity before it is estimated."""
 
 
 def collect_point_pairs(keypoints: Sequence[Keypoints], candidates: Iterable[Matches]) -> list[PointPairs]:
-    """Gather the points that near frames share, those included that only a prediction of the poses has rejected."""
-    pixels = {}
+    """Collect the matched points of near frames, including those that only the pose prediction rejected.
+
+    Args:
+        keypoints: those of every frame.
+        candidates: matches of pairs of frames; only those with a gap in :data:`FRAME_GAPS` are used.
+    """
+    range_bearing = {}
     point_pairs = []
     for matches in candidates:
-        if matches.frame_b - matches.frame_a not in GAPS:
+        if matches.frame_b - matches.frame_a not in FRAME_GAPS:
             continue
         for frame in (matches.frame_a, matches.frame_b):
-            if frame not in pixels:
-                pixels[frame] = keypoints[frame].range_bearing
+            if frame not in range_bearing:
+                range_bearing[frame] = keypoints[frame].range_bearing
         index = matches.index
-        if BY_PREDICTION in matches.filters:
-            index = np.concatenate(
-                [index, matches.rejected[matches.rejected_by == matches.filters.index(BY_PREDICTION)]]
-            )
-        a, b = pixels[matches.frame_a][index[:, 0]], pixels[matches.frame_b][index[:, 1]]
+        if PREDICTION_FILTER in matches.filters:
+            by_prediction = matches.rejected_by == matches.filters.index(PREDICTION_FILTER)
+            index = np.concatenate([index, matches.rejected[by_prediction]])
+        a, b = range_bearing[matches.frame_a][index[:, 0]], range_bearing[matches.frame_b][index[:, 1]]
         point_pairs.append(PointPairs(matches.frame_a, matches.frame_b, a, b, np.eye(4)))
     return point_pairs
 
 
 def planar_inliers(pairs: Iterable[PointPairs], rng: np.random.Generator) -> list[PointPairs]:
-    """Keep of each pair's points those that agree on a planar motion; pairs of too few are left out."""
-    pairs = [pair for pair in pairs if len(pair.pixel_a) >= MIN_AGREEING]
-    chosen = np.unique(np.linspace(0, len(pairs) - 1, min(len(pairs), MAX_PAIRS)).round().astype(int))
-    agreed = []
+    """Reduce each frame pair to the inliers of a planar motion; pairs with too few are dropped.
+
+    Args:
+        pairs: matched points of frame pairs.
+        rng: draws the RANSAC samples and the points that are kept.
+    """
+    pairs = [pair for pair in pairs if len(pair.range_bearing_a) >= MIN_INLIERS]
+    chosen = np.unique(np.linspace(0, len(pairs) - 1, min(len(pairs), MAX_FRAME_PAIRS)).round().astype(int))
+    reduced = []
     for pair in (pairs[index] for index in chosen.tolist()):
         xy_a, xy_b = (
-            np.stack([pixel[:, 0] * np.cos(pixel[:, 1]), pixel[:, 0] * np.sin(pixel[:, 1])], axis=1)
-            for pixel in (pair.pixel_a, pair.pixel_b)
+            np.stack([polar[:, 0] * np.cos(polar[:, 1]), polar[:, 0] * np.sin(polar[:, 1])], axis=1)
+            for polar in (pair.range_bearing_a, pair.range_bearing_b)
         )
-        first = rng.integers(0, len(xy_a), TRIALS)
-        second = (first + rng.integers(1, len(xy_a), TRIALS)) % len(xy_a)
+        first = rng.integers(0, len(xy_a), RANSAC_TRIALS)
+        second = (first + rng.integers(1, len(xy_a), RANSAC_TRIALS)) % len(xy_a)
         picks = np.stack([first, second], axis=1)
-        motion, agrees = estimate_planar_motion_msac(xy_a, xy_b, 0.03 * pair.pixel_b[:, 0], picks)
-        if agrees.sum() >= max(MIN_AGREEING, 0.25 * len(agrees)):
-            which = rng.permutation(np.flatnonzero(agrees))[:MAX_POINTS]
-            agreed.append(PointPairs(pair.frame_a, pair.frame_b, pair.pixel_a[which], pair.pixel_b[which], motion))
-    return agreed
+        tolerance_m = TOLERANCE_PER_RANGE * pair.range_bearing_b[:, 0]
+        motion, inlier = estimate_planar_motion_msac(xy_a, xy_b, tolerance_m, picks)
+        if inlier.sum() >= max(MIN_INLIERS, MIN_INLIER_SHARE * len(inlier)):
+            kept = rng.permutation(np.flatnonzero(inlier))[:MAX_POINTS]
+            a, b = pair.range_bearing_a[kept], pair.range_bearing_b[kept]
+            reduced.append(PointPairs(pair.frame_a, pair.frame_b, a, b, motion))
+    return reduced
 
 
 def odometry_hypotheses(world_from_vehicle: FloatArray, vehicle_from_sonar: FloatArray) -> dict[str, FloatArray]:
-    """List world_from_vehicle, (N, 4, 4), as it would be without each of the usual faults, by the fault's name."""
-    place, rotation = world_from_vehicle[:, :3, 3], Rotation.from_matrix(world_from_vehicle[:, :3, :3])
-    proposals = {GIVEN: world_from_vehicle}
+    """Return the odometry as recorded and with each common fault undone.
+
+    Args:
+        world_from_vehicle: (N, 4, 4) odometry.
+        vehicle_from_sonar: (4, 4) lever arm.
+
+    Returns:
+        (N, 4, 4) world_from_vehicle by the name of the fault, commonest first.
+    """
+    position, rotation = world_from_vehicle[:, :3, 3], Rotation.from_matrix(world_from_vehicle[:, :3, :3])
+    hypotheses = {AS_RECORDED: world_from_vehicle}
     for axis, name in enumerate("xyz"):
-        proposals[f"with its {name} axis mirrored"] = make_pose(place * np.where(np.arange(3) == axis, -1, 1), rotation)
+        mirrored = position * np.where(np.arange(3) == axis, -1, 1)
+        hypotheses[f"with its {name} axis mirrored"] = make_pose(mirrored, rotation)
     turned = Rotation.from_rotvec(np.outer(-2 * heading(world_from_vehicle), [0.0, 0.0, 1.0])) * rotation
-    proposals["with its heading mirrored"] = make_pose(place, turned)
-    left = np.diag([1.0, -1.0, 1.0, 1.0])
-    proposals["with port and starboard swapped"] = left @ world_from_vehicle @ left
-    proposals["inverted"] = invert(world_from_vehicle)
+    hypotheses["with its heading mirrored"] = make_pose(position, turned)
+    mirror_y = np.diag([1.0, -1.0, 1.0, 1.0])
+    hypotheses["with port and starboard swapped"] = mirror_y @ world_from_vehicle @ mirror_y
+    hypotheses["inverted"] = invert(world_from_vehicle)
     for degrees in (90, 180, -90):
         turn = make_pose(np.zeros(3), Rotation.from_euler("z", degrees, degrees=True))
-        proposals[f"with its body axes turned by {degrees} deg about z"] = world_from_vehicle @ turn
+        hypotheses[f"with its body axes turned by {degrees} deg about z"] = world_from_vehicle @ turn
     if not np.allclose(vehicle_from_sonar, np.eye(4)):
-        proposals["taken as that of the sonar, without the lever arm"] = world_from_vehicle @ invert(vehicle_from_sonar)
-    return proposals
+        of_sonar = world_from_vehicle @ invert(vehicle_from_sonar)
+        hypotheses["taken as that of the sonar, without the lever arm"] = of_sonar
+    return hypotheses
 
 
 def median_arc_distance_m(pair: PointPairs, world_from_sonar: FloatArray, sonar: SonarModel) -> float:
-    """Give the median distance in metres of a pair's points from the elevation arcs that the poses, (N, 4, 4), put them
-    on; along the range, and across by the bearing at that range.
+    """Return the median distance of a pair's points in frame b from the elevation arcs of its points in frame a.
+
+    The distance is taken along the range, and across it by the bearing at that range.
+
+    Args:
+        pair: matched points of two frames.
+        world_from_sonar: (N, 4, 4) poses.
+        sonar: gives the elevation aperture.
     """
     b_from_a = invert(world_from_sonar[pair.frame_b]) @ world_from_sonar[pair.frame_a]
-    arcs = transform(b_from_a, sonar.elevation_arc(pair.pixel_a[:, 0], pair.pixel_a[:, 1], ELEVATIONS))
+    arcs = transform(b_from_a, sonar.elevation_arc(pair.range_bearing_a[:, 0], pair.range_bearing_a[:, 1], ARC_POINTS))
     range_m, bearing_rad, _ = project(arcs)
-    seen_m, seen_rad = pair.pixel_b[:, :1], pair.pixel_b[:, 1:]
-    turn_rad = wrap_angle(bearing_rad - seen_rad)
-    return float(np.median(np.hypot(range_m - seen_m, seen_m * turn_rad).min(axis=1)))
+    measured_m, measured_rad = pair.range_bearing_b[:, :1], pair.range_bearing_b[:, 1:]
+    difference_rad = wrap_angle(bearing_rad - measured_rad)
+    return float(np.median(np.hypot(range_m - measured_m, measured_m * difference_rad).min(axis=1)))
 
 
 def expected_arc_distance_m(pair: PointPairs, feature_sigma: FloatArray, step_sigma: FloatArray) -> float:
-    """Give the distance in metres that noise alone would make, one sigma.
+    """Return the standard deviation in metres of the arc distance under noise alone.
 
     Args:
+        pair: matched points of two frames.
         feature_sigma: (2,) standard deviations of range_m and bearing_rad.
         step_sigma: (N - 1, 2) standard deviations of the steps' rotation in rad and translation in m.
     """
-    range_m = float(np.median(pair.pixel_b[:, 0]))
+    range_m = float(np.median(pair.range_bearing_b[:, 0]))
     first, last = sorted((pair.frame_a, pair.frame_b))
     turn_rad, shift_m = np.sqrt(np.sum(step_sigma[first:last] ** 2, axis=0))
     of_features = np.sqrt(2.0) * np.array([feature_sigma[0], range_m * feature_sigma[1]])

@@ -1,4 +1,8 @@
-"""Single wrong values in a row of readings: what stands alone against a smooth curve through its neighbours."""
+"""Outlier rejection in a time series of readings by a robust local parabola (a Hampel-type filter).
+
+Each reading is compared with a parabola fitted to its neighbours, and rejected where it lies farther away than the
+noise and the median absolute deviation (MAD) allow (Hampel 1974, Pearson 2002).
+"""
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -6,23 +10,25 @@ from numpy.lib.stride_tricks import sliding_window_view
 from asfm.types import BoolArray, FloatArray, IntArray
 
 HALF_WINDOW = 4
-"""Readings on each side that are looked at; a change that lasts as long is no spike."""
-FEWEST = 2 * HALF_WINDOW
-"""Among fewer readings nothing is typical."""
-SIGMAS = 8.0
-"""A reading farther than this many of its own sigmas from the curve, and as many of the typical distance from it, is
-not believed."""
+"""Neighbours on each side; a change that lasts at least this many readings is not an outlier."""
+MIN_READINGS = 2 * HALF_WINDOW
+"""Shorter time series are not filtered."""
+OUTLIER_SIGMAS = 8.0
+"""A reading is an outlier beyond this many sigmas of its noise and of the MAD of the residuals."""
 MAD_TO_SIGMA = 1.4826
 """A normal distribution's standard deviation over its median absolute deviation."""
-REACH = 2.5
-"""Neighbours that are farther away than this many usual half windows lie across a gap."""
+MAX_NEIGHBOUR_DISTANCE = 2.5
+"""Neighbours farther away than this many half windows at the median interval lie across a gap and are ignored."""
 MIN_NEIGHBOURS = 5
-REWEIGHTINGS = 6
-PASSES = 20
+"""Readings with fewer neighbours are not tested."""
+FIT_ITERATIONS = 6
+"""Iterations of the reweighted least squares that fit a parabola."""
+MAX_PASSES = 20
+"""Passes that remove the worst outlier of each neighbourhood."""
 
 
 def running_median(values: FloatArray) -> FloatArray:
-    """Give the median (N, C) of each of (N, C) values and its neighbours; at the ends that of the last full window."""
+    """Return the (N, C) running median of (N, C) values; at the ends that of the last full window."""
     half = min(HALF_WINDOW, (len(values) - 1) // 2)
     if half < 1:
         return values
@@ -33,62 +39,62 @@ def running_median(values: FloatArray) -> FloatArray:
 def find_outliers(
     values: FloatArray, sigma: FloatArray | float, stamps_s: FloatArray | None = None
 ) -> tuple[BoolArray, FloatArray]:
-    """Find single wrong values, such as a depth of another metre between two alike.
+    """Find single outliers in a time series, such as one depth a metre off its neighbours.
 
-    Each value is compared with a parabola through its neighbours. The worst of each neighbourhood goes first, and the
-    others are judged without it. Neighbours across a gap do not count, and who has few of them is not judged.
+    Each pass removes the worst outlier of every neighbourhood, and the others are tested again without it. Neighbours
+    across a gap are ignored; readings with fewer than :data:`MIN_NEIGHBOURS` are not tested.
 
     Args:
-        values: (N, C) rows of readings.
+        values: (N, C) readings of C channels.
         sigma: standard deviation of their noise, broadcast against the values.
-        stamps_s: (N,) when they were made, rising; evenly without.
+        stamps_s: (N,) rising time stamps; None for evenly spaced readings.
 
     Returns:
-        (N, C) which stand alone, (N, C) how far each lies from its neighbours.
+        (N, C) which readings are outliers, (N, C) absolute deviation of each from the parabola of its neighbours.
     """
-    wrong = np.zeros(values.shape, dtype=bool)
-    if len(values) < FEWEST:
-        return wrong, np.zeros(values.shape)
+    outlier = np.zeros(values.shape, dtype=bool)
+    if len(values) < MIN_READINGS:
+        return outlier, np.zeros(values.shape)
     window = _windows(len(values))
-    apart = _apart(window, np.arange(len(values), dtype=float) if stamps_s is None else stamps_s)
-    away = np.abs(values - _predict(values, wrong, window, apart))
-    limit = SIGMAS * np.maximum(sigma, MAD_TO_SIGMA * np.median(away, axis=0))
-    for _ in range(PASSES):
-        excess = np.where(wrong, 0.0, away / limit)
+    time = _relative_times(window, np.arange(len(values), dtype=float) if stamps_s is None else stamps_s)
+    deviation = np.abs(values - _fit_parabolas(values, outlier, window, time))
+    limit = OUTLIER_SIGMAS * np.maximum(sigma, MAD_TO_SIGMA * np.median(deviation, axis=0))
+    for _ in range(MAX_PASSES):
+        excess = np.where(outlier, 0.0, deviation / limit)
         worst = (excess > 1) & (excess >= excess[window].max(axis=1))
         if not worst.any():
             break
-        wrong |= worst
-        away = np.where(wrong, away, np.abs(values - _predict(values, wrong, window, apart)))
-    return np.asarray(wrong), np.asarray(away)
+        outlier |= worst
+        deviation = np.where(outlier, deviation, np.abs(values - _fit_parabolas(values, outlier, window, time)))
+    return np.asarray(outlier), np.asarray(deviation)
 
 
 def _windows(count: int) -> IntArray:
-    """Indices (N, W) of each value and its neighbours, as many at the ends as in the middle."""
+    """Return the (N, W) indices of each value and its neighbours; windows at the ends are shifted, not shortened."""
     size = min(2 * HALF_WINDOW + 1, count)
     begin = np.clip(np.arange(count) - HALF_WINDOW, 0, count - size)
     return np.asarray(begin[:, None] + np.arange(size))
 
 
-def _apart(window: IntArray, stamps_s: FloatArray) -> FloatArray:
-    """Times (N, W) from each value to its neighbours, over half a usual window."""
-    usual_s = max(float(np.median(np.diff(stamps_s))), 1e-12)
-    return np.asarray((stamps_s[window] - stamps_s[:, None]) / (HALF_WINDOW * usual_s))
+def _relative_times(window: IntArray, stamps_s: FloatArray) -> FloatArray:
+    """Return the (N, W) times from each value to its neighbours, in half windows at the median interval."""
+    interval_s = max(float(np.median(np.diff(stamps_s))), 1e-12)
+    return np.asarray((stamps_s[window] - stamps_s[:, None]) / (HALF_WINDOW * interval_s))
 
 
-def _predict(values: FloatArray, wrong: BoolArray, window: IntArray, apart: FloatArray) -> FloatArray:
-    """Read each value (N, C) off the parabola through its neighbours that has the least absolute distance from them."""
+def _fit_parabolas(values: FloatArray, outlier: BoolArray, window: IntArray, time: FloatArray) -> FloatArray:
+    """Predict each value (N, C) from a parabola fitted to its neighbours with least absolute residuals (IRLS)."""
     index = np.arange(len(values))
-    powers = np.stack([np.ones_like(apart), apart, apart * apart], axis=-1)  # (N, W, 3)
-    seen = values[window]  # (N, W, C)
-    near = (window != index[:, None]) & (np.abs(apart) <= REACH)
-    usable = ~wrong[window] & near[..., None]
+    powers = np.stack([np.ones_like(time), time, time * time], axis=-1)  # (N, W, 3)
+    neighbours = values[window]  # (N, W, C)
+    near = (window != index[:, None]) & (np.abs(time) <= MAX_NEIGHBOUR_DISTANCE)
+    usable = ~outlier[window] & near[..., None]
     weight = usable.astype(float)
     scale = np.maximum(np.ptp(values, axis=0), 1e-12)
-    for _ in range(REWEIGHTINGS):
+    for _ in range(FIT_ITERATIONS):
         hessian = np.einsum("nwc,nwi,nwj->ncij", weight, powers, powers) + 1e-9 * np.eye(3)
-        gradient = np.einsum("nwc,nwi,nwc->nci", weight, powers, seen)
+        gradient = np.einsum("nwc,nwi,nwc->nci", weight, powers, neighbours)
         fit = np.linalg.solve(hessian, gradient[..., None])[..., 0]  # (N, C, 3)
-        distance = np.abs(seen - np.einsum("nwi,nci->nwc", powers, fit))
-        weight = usable / np.maximum(distance / scale, 1e-4)
+        residual = np.abs(neighbours - np.einsum("nwi,nci->nwc", powers, fit))
+        weight = usable / np.maximum(residual / scale, 1e-4)
     return np.asarray(np.where(usable.sum(axis=1) >= MIN_NEIGHBOURS, fit[..., 0], values))

@@ -13,7 +13,7 @@ from asfm.types import FloatArray
 
 @dataclass(frozen=True)
 class PosePrediction:
-    """Where each frame's sonar is thought to be before the images are looked at, and how surely."""
+    """Predicted poses of the sonar at the frame times, and the uncertainty of one step."""
 
     world_from_sonar: FloatArray
     """(N, 4, 4)"""
@@ -23,7 +23,7 @@ class PosePrediction:
     """Standard deviation of one step's translation, each axis."""
 
     def relative_pose(self, frame_a: int, frame_b: int) -> FloatArray:
-        """Give the (4, 4) relative pose b_from_a of two frames' sonars."""
+        """Return the (4, 4) relative pose b_from_a of two frames' sonars."""
         return np.asarray(self._sonar_from_world[frame_b] @ self.world_from_sonar[frame_a])
 
     @cached_property
@@ -31,17 +31,19 @@ class PosePrediction:
         return invert(self.world_from_sonar)
 
     def predicted_sigma(self, frame_a: int, frame_b: int, range_m: FloatArray, sigma: FloatArray) -> FloatArray:
-        """Add the prediction's uncertainty to the noise of a point.
+        """Combine the uncertainty of the relative pose with the noise of measured points.
 
-        The errors of the steps are independent, so they grow with the square root of the gap. A translation shows in
-        the range, and in the bearing over the range; a rotation in the bearing.
+        The errors of the steps are independent (a random walk), so they grow with the root of the number of steps. A
+        translation error shifts the range, and the bearing by its size over the range; a rotation error the bearing.
 
         Args:
+            frame_a: one frame.
+            frame_b: the other frame.
             range_m: (K,) ranges of points.
             sigma: (2,) standard deviations of range_m and bearing_rad under exact poses.
 
         Returns:
-            (K, 2) standard deviations of range_m and bearing_rad.
+            (K, 2) standard deviations of range_m and bearing_rad; that of the bearing is at most pi.
         """
         root = np.sqrt(abs(frame_b - frame_a))
         shift_m, turn_rad = root * self.step_translation_m, root * self.step_rotation_rad
@@ -51,7 +53,12 @@ class PosePrediction:
 
 
 def predict_poses(navigation: FrameNavigation, sequence: Sequence) -> PosePrediction | None:
-    """Predict the sonar's poses from the odometry, before any image is read; None without odometry."""
+    """Predict the sonar's poses from the odometry; None without odometry.
+
+    Args:
+        navigation: odometry at the frame times.
+        sequence: the sonar's lever arm, and the stated noise of the odometry.
+    """
     if navigation.odometry is None:
         return None
     noise, lever_m = sequence.noise, float(np.linalg.norm(sequence.vehicle_from_sonar[:3, 3]))

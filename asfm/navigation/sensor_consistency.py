@@ -1,4 +1,4 @@
-"""Whether odometry and navigation tell of the same motion: height, roll and pitch are measured by both."""
+"""Consistency of odometry with depth and attitude: drift, sign, time offset and initial attitude."""
 
 from dataclasses import dataclass
 
@@ -8,61 +8,68 @@ from scipy.spatial.transform import Rotation
 from asfm.diagnostics import Diagnostic
 from asfm.geometry.poses import depth_roll_pitch, heading, invert, make_pose, wrap_angle
 from asfm.navigation.depth_attitude import CHANNELS, UNITS, DepthAttitude
+from asfm.navigation.outlier_filter import MAD_TO_SIGMA
 from asfm.types import BoolArray, FloatArray, SensorNoise
 
-LAG = 8
-"""Changes are compared over this many frames: over one step noise hides them."""
-SIGMAS = 4.0
-"""Changes that differ by this many of their sigmas in the typical case contradict each other."""
+LAG_FRAMES = 8
+"""Changes are compared over this many frames: over a single step noise dominates."""
+CONFLICT_SIGMAS = 4.0
+"""Odometry and a sensor contradict each other when their changes differ by more than this many sigmas (by MAD)."""
 OFFSET_SIGMAS = 8.0
-"""A start that differs by as many is in another world."""
-MAX_SHIFT = 20
-"""Frames by which odometry's stamps may be wrong."""
-FEWEST = 12
-"""Changes below which nothing is said."""
-MAD_TO_SIGMA = 1.4826
+"""Initial values that differ by more than this many sigmas are in different world frames."""
+MAX_OFFSET_FRAMES = 20
+"""Largest time offset that is searched."""
+MIN_CHANGES = 12
+"""With fewer measured changes nothing is tested."""
+INITIAL_FRAMES = 5
+"""Measured frames whose median gives the initial offset."""
 
 
 @dataclass(frozen=True)
 class SensorConsistency:
-    """How the changes of height, roll and pitch compare, (3,) each."""
+    """Comparison of the changes of height, roll and pitch by odometry and by navigation, (3,) each."""
 
-    differs: FloatArray
-    """Typical difference between the changes of the two, in metres and radians."""
+    difference: FloatArray
+    """Standard deviation of the difference of the changes (by MAD), in metres and radians."""
     expected: FloatArray
-    """Standard deviation that the stated noise makes of it."""
+    """Standard deviation of the same under the stated noise."""
     mirrored: BoolArray
     """Whether the changes agree better with the opposite sign."""
 
     @property
     def contradicts(self) -> BoolArray:
-        """Which of the three contradict each other."""
-        return np.asarray(self.differs > SIGMAS * self.expected)
+        """Which (3,) channels contradict each other."""
+        return np.asarray(self.difference > CONFLICT_SIGMAS * self.expected)
 
 
 def compare_odometry_attitude(
     world_from_vehicle: FloatArray, depth_attitude: DepthAttitude, noise: SensorNoise
 ) -> SensorConsistency:
-    """Compare how height, roll and pitch change by odometry, (N, 4, 4), and by navigation, over a few frames."""
+    """Compare the changes of height, roll and pitch by odometry and by navigation over :data:`LAG_FRAMES` frames.
+
+    Args:
+        world_from_vehicle: (N, 4, 4) odometry.
+        depth_attitude: readings at the same frames.
+        noise: stated noise of both.
+    """
     count = len(world_from_vehicle)
-    lag = min(LAG, count // 2)
-    silent = SensorConsistency(np.zeros(3), np.ones(3), np.zeros(3, dtype=bool))
+    lag = min(LAG_FRAMES, count // 2)
+    untested = SensorConsistency(np.zeros(3), np.ones(3), np.zeros(3, dtype=bool))
     if not len(depth_attitude.sigma) or lag < 1:
-        return silent
+        return untested
     by_odometry = depth_roll_pitch(world_from_vehicle)
     by_odometry, by_navigation = by_odometry[lag:] - by_odometry[:-lag], _changes(depth_attitude.z_roll_pitch, lag)
-    measured = np.asarray(np.isfinite(depth_attitude.sigma).all(axis=1))
+    measured = _measured_frames(depth_attitude)
     known = measured[lag:] & measured[:-lag]
-    if known.sum() < FEWEST:
-        return silent
-    differs = MAD_TO_SIGMA * np.median(np.abs(by_navigation - by_odometry)[known], axis=0)
-    opposed = MAD_TO_SIGMA * np.median(np.abs(by_navigation + by_odometry)[known], axis=0)
+    if known.sum() < MIN_CHANGES:
+        return untested
+    difference = MAD_TO_SIGMA * np.median(np.abs(by_navigation - by_odometry)[known], axis=0)
+    mirrored_difference = MAD_TO_SIGMA * np.median(np.abs(by_navigation + by_odometry)[known], axis=0)
     path_m = np.linalg.norm(world_from_vehicle[lag:, :3, 3] - world_from_vehicle[:-lag, :3, 3], axis=1)[known]
     turn_rad = noise.odometry_rotation_rad * np.sqrt(lag)
     drift_m = np.hypot(noise.odometry_translation_m * np.sqrt(lag), turn_rad * float(np.median(path_m)))
-    of_navigation = [noise.navigation_z_m, noise.navigation_roll_rad, noise.navigation_pitch_rad]
-    expected = np.hypot(np.sqrt(2.0) * np.array(of_navigation), [drift_m, turn_rad, turn_rad])
-    return SensorConsistency(differs, expected, np.asarray(opposed < 0.5 * differs))
+    expected = np.hypot(np.sqrt(2.0) * _navigation_sigma(noise), [drift_m, turn_rad, turn_rad])
+    return SensorConsistency(difference, expected, np.asarray(mirrored_difference < 0.5 * difference))
 
 
 def _changes(z_roll_pitch: FloatArray, lag: int) -> FloatArray:
@@ -71,28 +78,45 @@ def _changes(z_roll_pitch: FloatArray, lag: int) -> FloatArray:
     return change
 
 
+def _measured_frames(depth_attitude: DepthAttitude) -> BoolArray:
+    return np.asarray(np.isfinite(depth_attitude.sigma).all(axis=1))
+
+
+def _navigation_sigma(noise: SensorNoise) -> FloatArray:
+    return np.array([noise.navigation_z_m, noise.navigation_roll_rad, noise.navigation_pitch_rad])
+
+
 def estimate_time_offset(
     world_from_vehicle: FloatArray, depth_attitude: DepthAttitude, noise: SensorNoise
 ) -> int | None:
-    """Find by how many frames odometry, (N, 4, 4), must be shifted to agree with navigation; None if that is no cure.
+    """Estimate the number of frames by which odometry must be shifted to agree with roll and pitch.
 
-    A shift is believed when it takes a clear contradiction of roll or pitch, which no choice of frame explains, to
-    less than half of what is a contradiction.
+    A shift is accepted where roll or pitch contradict each other without a mirrored sign, and where it brings all
+    channels to less than half of what counts as a contradiction.
+
+    Args:
+        world_from_vehicle: (N, 4, 4) odometry.
+        depth_attitude: readings at the same frames.
+        noise: stated noise of both.
+
+    Returns:
+        Number of frames, positive where the odometry lags behind; None where no shift is accepted.
     """
     consistency = compare_odometry_attitude(world_from_vehicle, depth_attitude, noise)
     if not consistency.contradicts[1:].any() or consistency.mirrored[consistency.contradicts].any():
         return None
     count = len(world_from_vehicle)
-    reach = min(MAX_SHIFT, count // 3)
-    worst = {}
-    for shift in range(-reach, reach + 1):
-        of_frames = slice(max(-shift, 0), count - max(shift, 0))
+    limit = min(MAX_OFFSET_FRAMES, count // 3)
+    ratio = {}
+    for shift in range(-limit, limit + 1):
+        of_readings = slice(max(-shift, 0), count - max(shift, 0))
         of_odometry = slice(max(shift, 0), count - max(-shift, 0))
-        cut = DepthAttitude(depth_attitude.z_roll_pitch[of_frames], depth_attitude.sigma[of_frames])
-        shifted = compare_odometry_attitude(world_from_vehicle[of_odometry], cut, noise)
-        worst[shift] = float(np.max(shifted.differs / shifted.expected)) if shifted.differs.any() else np.inf
-    best = min(worst, key=lambda shift: worst[shift])
-    return best if best != 0 and worst[best] < 0.5 * SIGMAS else None
+        readings = DepthAttitude(depth_attitude.z_roll_pitch[of_readings], depth_attitude.sigma[of_readings])
+        shifted = compare_odometry_attitude(world_from_vehicle[of_odometry], readings, noise)
+        tested = shifted.difference.any()
+        ratio[shift] = float(np.max(shifted.difference / shifted.expected)) if tested else np.inf
+    best = min(ratio, key=lambda shift: ratio[shift])
+    return best if best != 0 and ratio[best] < 0.5 * CONFLICT_SIGMAS else None
 
 
 def describe_conflicts(consistency: SensorConsistency) -> tuple[str, ...]:
@@ -102,8 +126,8 @@ def describe_conflicts(consistency: SensorConsistency) -> tuple[str, ...]:
         scale, unit = UNITS[channel]
         how = ": they have opposite signs, one is mirrored" if consistency.mirrored[channel] else ""
         sentences.append(
-            f"odometry and navigation contradict each other in the {CHANNELS[channel]}: over {LAG} frames they differ "
-            f"by {scale * float(consistency.differs[channel]):.2g} {unit} in the median, where "
+            f"odometry and navigation contradict each other in the {CHANNELS[channel]}: over {LAG_FRAMES} frames they "
+            f"differ by {scale * float(consistency.difference[channel]):.2g} {unit} in the median, where "
             f"{scale * float(consistency.expected[channel]):.2g} {unit} are expected{how}"
         )
     return tuple(sentences)
@@ -112,37 +136,27 @@ def describe_conflicts(consistency: SensorConsistency) -> tuple[str, ...]:
 def align_initial_attitude(
     world_from_vehicle: FloatArray, depth_attitude: DepthAttitude, noise: SensorNoise, trusted: BoolArray
 ) -> tuple[FloatArray, tuple[Diagnostic, ...]]:
-    """Move an odometry that starts in another world than navigation's to the height, roll and pitch of its start.
+    """Align odometry that starts in another world frame with the initial height, roll and pitch of navigation.
 
     Args:
-        world_from_vehicle: (N, 4, 4).
-        trusted: (3,) which of height, roll and pitch may move it.
+        world_from_vehicle: (N, 4, 4) odometry.
+        depth_attitude: readings at the same frames.
+        noise: stated noise of both.
+        trusted: (3,) which of height, roll and pitch are aligned.
 
     Returns:
-        (N, 4, 4) poses, untouched where they start within a few sigmas of navigation, and a diagnostic where not.
+        (N, 4, 4) poses, unchanged where they start within a few sigmas of navigation, and a diagnostic where not.
     """
-    known = (
-        np.flatnonzero(np.isfinite(depth_attitude.sigma).all(axis=1))[:5]
-        if len(depth_attitude.sigma)
-        else np.zeros(0, int)
-    )
-    if not len(known) or known[0] > LAG:
-        return world_from_vehicle, ()
-    start = depth_roll_pitch(world_from_vehicle[known])
-    away = np.median(depth_attitude.z_roll_pitch[known] - start, axis=0)
-    away[1:] = wrap_angle(away[1:])
-    steps = np.sqrt(float(known[-1]) + 1)
-    drift = steps * np.array([noise.odometry_translation_m, noise.odometry_rotation_rad, noise.odometry_rotation_rad])
-    stated = np.array([noise.navigation_z_m, noise.navigation_roll_rad, noise.navigation_pitch_rad])
-    far = trusted & (np.abs(away) > OFFSET_SIGMAS * np.hypot(drift, stated))
+    offset, limit = _initial_offset(world_from_vehicle, depth_attitude, noise)
+    far = trusted & (np.abs(offset) > limit)
     if not far.any():
         return world_from_vehicle, ()
     first = world_from_vehicle[0]
-    z_m, roll_rad, pitch_rad = depth_roll_pitch(first[None])[0] + np.where(far, away, 0.0)
-    yaw_rad = heading(first)
-    placed = make_pose(np.array([*first[:2, 3], z_m]), Rotation.from_euler("ZYX", [yaw_rad, pitch_rad, roll_rad]))
+    z_m, roll_rad, pitch_rad = depth_roll_pitch(first[None])[0] + np.where(far, offset, 0.0)
+    rotation = Rotation.from_euler("ZYX", [heading(first), pitch_rad, roll_rad])
+    aligned = make_pose(np.array([*first[:2, 3], z_m]), rotation)
     offsets = ", ".join(
-        f"{scale * float(away[channel]):+.2g} {unit} of {CHANNELS[channel]}"
+        f"{scale * float(offset[channel]):+.2g} {unit} of {CHANNELS[channel]}"
         for channel, (scale, unit) in enumerate(UNITS)
         if far[channel]
     )
@@ -150,4 +164,21 @@ def align_initial_attitude(
         f"odometry starts in another frame than navigation, offset by {offsets}: its poses are moved to navigation's"
     )
     moved = Diagnostic("odometry-frame-offset", message)
-    return np.asarray(placed @ invert(first) @ world_from_vehicle), (moved,)
+    return np.asarray(aligned @ invert(first) @ world_from_vehicle), (moved,)
+
+
+def _initial_offset(
+    world_from_vehicle: FloatArray, depth_attitude: DepthAttitude, noise: SensorNoise
+) -> tuple[FloatArray, FloatArray]:
+    """Return navigation minus odometry at the first measured frames, (3,) metres and radians, and (3,) its limit.
+
+    The offset is zero where nothing is measured at the start.
+    """
+    frames = np.flatnonzero(_measured_frames(depth_attitude))[:INITIAL_FRAMES]
+    if not len(frames) or frames[0] > LAG_FRAMES:
+        return np.zeros(3), np.ones(3)
+    offset = np.median(depth_attitude.z_roll_pitch[frames] - depth_roll_pitch(world_from_vehicle[frames]), axis=0)
+    offset[1:] = wrap_angle(offset[1:])
+    steps = np.sqrt(float(frames[-1]) + 1)
+    drift = steps * np.array([noise.odometry_translation_m, noise.odometry_rotation_rad, noise.odometry_rotation_rad])
+    return offset, OFFSET_SIGMAS * np.hypot(drift, _navigation_sigma(noise))

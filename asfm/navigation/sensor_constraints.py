@@ -1,4 +1,4 @@
-"""Sensor constraints: odometry steps, depth and attitude as constraints on the poses at the frames."""
+"""Odometry, depth and attitude as constraints on the poses at the frame times."""
 
 from dataclasses import dataclass
 
@@ -12,23 +12,24 @@ from asfm.navigation.frame_navigation import FrameNavigation
 from asfm.sequence import Sequence
 from asfm.types import BoolArray, FloatArray, SensorNoise
 
-TIGHT = 1e-6
+FIXED_SIGMA = 1e-6
+"""Standard deviation, in rad and m, of what defines the world frame."""
 UNRELIABLE_SIGMA_FACTOR = 2.0
-"""Sigmas of an odometry that was corrected for a fault, over those stated."""
+"""Sigmas of odometry that was corrected for a fault, over the stated ones."""
 
 
 @dataclass(frozen=True)
 class SensorConstraints:
-    """Sensor readings turned into constraints between and on the frames' poses."""
+    """Constraints between and on the poses of N frames, from sensors other than the sonar."""
 
     first_pose: FloatArray
-    """(4, 4) where the world puts the first frame's vehicle."""
+    """(4, 4) world_from_vehicle of the first frame."""
     first_covariance: FloatArray
-    """(6, 6) rotation, translation in the vehicle's frame: how firmly (GTSAM's order)."""
+    """(6, 6) covariance of the first pose: rotation, then translation, in the vehicle's frame (GTSAM's order)."""
     measured: bool
-    """Whether the steps come from odometry; else they are a guess."""
+    """Whether the steps come from odometry; otherwise they are a motion prior."""
     steps: FloatArray
-    """(N - 1, 4, 4) motion from each frame to the next."""
+    """(N - 1, 4, 4) motion from each frame to the next, in the frame of the former."""
     step_sigma: FloatArray
     """(N - 1, 2) standard deviations of the rotation in rad and of the translation in m, each axis."""
     z_roll_pitch: FloatArray
@@ -39,7 +40,7 @@ class SensorConstraints:
     """What is wrong with the readings."""
 
     def known_steps(self, noise: SensorNoise) -> BoolArray:
-        """Return which (N - 1,) steps odometry measured about as well as its stated noise; none where it is a guess."""
+        """Return which (N - 1,) steps odometry measured about as well as its stated noise; none for a motion prior."""
         if not self.measured:
             return np.zeros(len(self.step_sigma), dtype=bool)
         stated = np.array([noise.odometry_rotation_rad, noise.odometry_translation_m])
@@ -52,7 +53,7 @@ class SensorConstraints:
 
     @property
     def typical_rotation_rad(self) -> float:
-        """How uncertain a step's rotation is, in the median; 0 where there is no step."""
+        """Median standard deviation of a step's rotation; 0 where there is no step."""
         return float(np.median(self.step_sigma[:, 0])) if len(self.step_sigma) else 0.0
 
 
@@ -65,16 +66,19 @@ def sensor_constraints(
 ) -> SensorConstraints:
     """Turn steps, depth and attitude into constraints between and on the poses.
 
+    Where navigation measures height, roll and pitch, the first pose is as uncertain in these as the sensors are;
+    position, heading and everything else is fixed there and defines the world frame.
+
     Args:
         sequence: states the noise of its sensors.
-        navigation: depth and attitude at the frames.
-        world_from_vehicle: (N, 4, 4) the odometry at the frames, or what stands in for it.
-        step_sigma: (N - 1, 2) standard deviations of its steps' rotation in rad and translation in m.
-        measured: whether it is odometry.
+        navigation: depth and attitude at the frame times.
+        world_from_vehicle: (N, 4, 4) poses whose steps are the constraints: odometry or a motion prior.
+        step_sigma: (N - 1, 2) standard deviations of the steps' rotation in rad and translation in m, each axis.
+        measured: whether the poses are odometry.
     """
     noise, readings = sequence.noise, navigation.depth_attitude
     angle_rad = float(np.hypot(noise.navigation_roll_rad, noise.navigation_pitch_rad) / np.sqrt(2))
-    world_sigma = np.full(6, TIGHT)
+    world_sigma = np.full(6, FIXED_SIGMA)
     if len(readings.sigma):
         world_sigma[[0, 1, 5]] = angle_rad, angle_rad, noise.navigation_z_m
     rotation = np.zeros((6, 6))
@@ -92,6 +96,6 @@ def sensor_constraints(
 
 
 def level_pose(z_roll_pitch: FloatArray) -> FloatArray:
-    """Make (4, 4) a pose at the origin with heading zero and the depth and attitude of one reading (3,)."""
+    """Return the (4, 4) pose with x = y = heading = 0 and the (3,) height, roll and pitch of a reading, m and rad."""
     z_m, roll_rad, pitch_rad = z_roll_pitch
     return make_pose(np.array([0.0, 0.0, z_m]), Rotation.from_euler("ZYX", [0.0, pitch_rad, roll_rad]))

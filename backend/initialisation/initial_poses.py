@@ -1,4 +1,4 @@
-"""Where the poses start and what holds them: odometry, or a chain of planar motions and a weak prior."""
+"""Initial poses and their constraints, from odometry or from planar odometry with a weak motion prior."""
 
 from dataclasses import dataclass, replace
 
@@ -28,8 +28,8 @@ from asfm.navigation.sensor_constraints import (
 from asfm.sequence import Sequence
 from asfm.types import BoolArray, FloatArray, Tracks
 
-LEAST_STEP = (1e-3, 1e-3)
-"""Floor of the motion prior's sigmas: rad, and metres per metre of range."""
+MIN_PRIOR_SIGMA = 1e-3
+"""Smallest sigma of a step in the motion prior, in radians and in metres per metre of the sonar's range."""
 
 
 @dataclass(frozen=True)
@@ -40,11 +40,16 @@ class InitialPoses:
     """(N, 4, 4)"""
     sensors: SensorConstraints
     unreliable: BoolArray
-    """(N - 1,) which steps of the initial poses are not worth starting from."""
+    """(N - 1,) which steps of the initial poses should be replaced before the adjustment."""
 
 
 def initialise_from_odometry(navigation: FrameNavigation, sequence: Sequence) -> InitialPoses | None:
-    """Start from the odometry; None where there is none or it is not used."""
+    """Initialise the poses from odometry; None where there is none or it is not used.
+
+    Args:
+        navigation: odometry, depth and attitude at the frame times.
+        sequence: states the noise of its sensors.
+    """
     odometry = navigation.odometry
     if odometry is None:
         return None
@@ -54,96 +59,107 @@ def initialise_from_odometry(navigation: FrameNavigation, sequence: Sequence) ->
 
 
 def verify_odometry(
-    start: InitialPoses, sequence: Sequence, point_pairs: list[PointPairs], config: Config, rng: np.random.Generator
+    initial: InitialPoses, sequence: Sequence, point_pairs: list[PointPairs], config: Config, rng: np.random.Generator
 ) -> InitialPoses:
-    """Hold odometry against the images and against navigation, and make vague what they contradict."""
-    kept = [seen for seen in point_pairs if not start.unreliable[seen.frame_a : seen.frame_b].any()]
-    agreed = planar_inliers(kept, rng)
-    poses, sensors = start.world_from_vehicle, start.sensors
-    test = compare_odometry_hypotheses(poses, sensors, agreed, sequence, config)
+    """Test odometry against the images and navigation; correct it, or increase its sigmas, where they contradict it.
+
+    Args:
+        initial: poses and constraints from the odometry.
+        sequence: gives the sonar, its lever arm and the stated noise.
+        point_pairs: matched points of near frames.
+        config: section ``noise``.
+        rng: draws the RANSAC samples.
+    """
+    reliable = [pair for pair in point_pairs if not initial.unreliable[pair.frame_a : pair.frame_b].any()]
+    inliers = planar_inliers(reliable, rng)
+    poses, sensors = initial.world_from_vehicle, initial.sensors
+    test = compare_odometry_hypotheses(poses, sensors, inliers, sequence, config)
     shift = estimate_time_offset(poses, sensors.depth_attitude, sequence.noise)
     contradicted = test is not None and test.contradicted
-    if not agreed or not (contradicted or shift):
-        return InitialPoses(*resolve_attitude_conflict(poses, sensors, agreed, sequence), start.unreliable)
-    if test is not None and contradicted and test.likely:
-        return _undo_fault(start, test, sequence)
-    sigma = measure_disagreement(poses, agreed, sequence.vehicle_from_sonar)
+    if not inliers or not (contradicted or shift):
+        return InitialPoses(*resolve_attitude_conflict(poses, sensors, inliers, sequence), initial.unreliable)
+    if test is not None and contradicted and test.likely_fault:
+        return _correct_fault(initial, test, sequence)
+    sigma = measure_disagreement(poses, inliers, sequence.vehicle_from_sonar)
     found = [diagnose_odometry(test, sigma)] if test is not None and contradicted else []
     if shift:
         found.append(diagnose_time_offset(shift * float(np.median(np.diff(sequence.timestamps_s))), sigma))
     sensors = replace(
         sensors, step_sigma=np.hypot(sensors.step_sigma, sigma), diagnostics=(*sensors.diagnostics, *found)
     )
-    return InitialPoses(poses, sensors, np.ones(len(start.unreliable), dtype=bool))
+    return InitialPoses(poses, sensors, np.ones(len(initial.unreliable), dtype=bool))
 
 
-def _undo_fault(start: InitialPoses, test: OdometryTest, sequence: Sequence) -> InitialPoses:
-    """Take odometry as it would be without the fault that explains the images, and believe it half as much."""
-    sensors, lever = start.sensors, sequence.vehicle_from_sonar
-    undone = odometry_hypotheses(start.world_from_vehicle, lever)[str(test.likely)]
-    depth_attitude = sensors.depth_attitude
-    undone, _ = align_initial_attitude(undone, depth_attitude, sequence.noise, np.ones(3, dtype=bool))
+def _correct_fault(initial: InitialPoses, test: OdometryTest, sequence: Sequence) -> InitialPoses:
+    """Undo the most likely fault of the odometry, and increase the sigmas of its steps."""
+    sensors, lever = initial.sensors, sequence.vehicle_from_sonar
+    corrected = odometry_hypotheses(initial.world_from_vehicle, lever)[str(test.likely_fault)]
+    every_channel = np.ones(3, dtype=bool)
+    corrected, _ = align_initial_attitude(corrected, sensors.depth_attitude, sequence.noise, every_channel)
     sigma = UNRELIABLE_SIGMA_FACTOR * sensors.step_sigma
     sensors = replace(
         sensors,
-        first_pose=undone[0],
-        steps=steps_between(undone),
+        first_pose=corrected[0],
+        steps=steps_between(corrected),
         step_sigma=sigma,
         diagnostics=(*sensors.diagnostics, diagnose_odometry(test, np.median(sigma, axis=0))),
     )
-    return InitialPoses(undone, sensors, start.unreliable)
+    return InitialPoses(corrected, sensors, initial.unreliable)
 
 
 def replace_unreliable_steps(
-    start: InitialPoses, sequence: Sequence, tracks: Tracks, rng: np.random.Generator
+    initial: InitialPoses, sequence: Sequence, tracks: Tracks, rng: np.random.Generator
 ) -> InitialPoses:
-    """Put planar motions in the place of the steps that are not worth starting from.
+    """Replace the unreliable steps of the initial poses by planar motions where the tracks support one.
 
     Args:
-        tracks: joined without knowledge of the poses.
+        initial: poses and constraints from the odometry.
+        sequence: gives the lever arm and the stated noise.
+        tracks: built without known poses.
+        rng: draws the RANSAC samples.
     """
-    poses = start.world_from_vehicle
-    chain, supported = planar_odometry(tracks, len(poses), poses[0], sequence.vehicle_from_sonar, rng)
-    replaced = (start.unreliable & supported[1:])[:, None, None]
-    mended = chain_steps(poses[0], np.where(replaced, steps_between(chain), steps_between(poses)))
-    rotation = Rotation.from_matrix(mended[:, :3, :3])
-    depth_attitude = start.sensors.depth_attitude
-    trusted = np.full(3, bool(start.unreliable.all()))
-    placed, _ = align_initial_attitude(make_pose(mended[:, :3, 3], rotation), depth_attitude, sequence.noise, trusted)
-    return InitialPoses(placed, replace(start.sensors, first_pose=placed[0]), start.unreliable)
+    poses = initial.world_from_vehicle
+    planar, supported = planar_odometry(tracks, len(poses), poses[0], sequence.vehicle_from_sonar, rng)
+    replaced = (initial.unreliable & supported[1:])[:, None, None]
+    chain = chain_steps(poses[0], np.where(replaced, steps_between(planar), steps_between(poses)))
+    chain = make_pose(chain[:, :3, 3], Rotation.from_matrix(chain[:, :3, :3]))
+    depth_attitude = initial.sensors.depth_attitude
+    trusted = np.full(3, bool(initial.unreliable.all()))
+    chain, _ = align_initial_attitude(chain, depth_attitude, sequence.noise, trusted)
+    return InitialPoses(chain, replace(initial.sensors, first_pose=chain[0]), initial.unreliable)
 
 
 def initialise_from_tracks(
     navigation: FrameNavigation, sequence: Sequence, tracks: Tracks, config: Config, rng: np.random.Generator
 ) -> InitialPoses:
-    """Start from planar motions between frames that share tracks.
+    """Initialise the poses from the planar odometry of tracks, with a motion prior as constraints.
 
-    The planar odometry is not a measurement: it is made from the same tracks. Where the tracks do not constrain the
-    poses, the motion prior does: each step is zero with a sigma of a few typical steps of the planar odometry.
+    The planar odometry is not a measurement, because it is made from the same tracks. Where the tracks do not constrain
+    the poses, the motion prior does: each step is zero, with sigmas of a few typical steps of the planar odometry.
 
     Args:
-        navigation: depth and attitude at the frames.
+        navigation: depth and attitude at the frame times.
         sequence: gives the sonar and its lever arm.
-        tracks: joined without knowledge of the poses.
+        tracks: built without known poses.
         config: section ``backend``.
-        rng: draws the trial motions.
+        rng: draws the RANSAC samples.
     """
     readings = navigation.depth_attitude.z_roll_pitch
     first_pose = level_pose(readings[0]) if len(readings) else np.eye(4)
-    poses, moved = planar_odometry(tracks, len(sequence), first_pose, sequence.vehicle_from_sonar, rng)
-    farthest_m = float(sequence.sonar.range_edges_m[-1])
+    poses, supported = planar_odometry(tracks, len(sequence), first_pose, sequence.vehicle_from_sonar, rng)
+    max_range_m = float(sequence.sonar.range_edges_m[-1])
     sigma = config.backend.motion_prior_factor * np.maximum(
-        _typical_step(poses, moved), [LEAST_STEP[0], LEAST_STEP[1] * farthest_m]
+        _typical_step(poses, supported), [MIN_PRIOR_SIGMA, MIN_PRIOR_SIGMA * max_range_m]
     )
-    held = np.repeat(poses[:1], len(poses), axis=0)
+    stationary = np.repeat(poses[:1], len(poses), axis=0)
     step_sigma = np.tile(sigma, (len(poses) - 1, 1))
-    sensors = sensor_constraints(sequence, navigation, held, step_sigma, measured=False)
+    sensors = sensor_constraints(sequence, navigation, stationary, step_sigma, measured=False)
     return InitialPoses(poses, sensors, np.zeros(len(step_sigma), dtype=bool))
 
 
-def _typical_step(world_from_vehicle: FloatArray, moved: BoolArray) -> FloatArray:
-    """Root mean square (2,) of the rotation in rad and translation in m, each axis, of the steps that moved."""
-    steps = steps_between(world_from_vehicle)[moved[1:]]
+def _typical_step(world_from_vehicle: FloatArray, supported: BoolArray) -> FloatArray:
+    """Return the root mean square (2,) of rotation in rad and translation in m, each axis, of the supported steps."""
+    steps = steps_between(world_from_vehicle)[supported[1:]]
     if not len(steps):
         return np.zeros(2)
     rotation_rad = Rotation.from_matrix(steps[:, :3, :3]).as_rotvec()

@@ -1,4 +1,4 @@
-"""A chain of planar motions between frames: where the poses start when there is no odometry."""
+"""Planar odometry: a chain of planar motions between frames that share tracks."""
 
 import numpy as np
 
@@ -7,24 +7,29 @@ from asfm.geometry.poses import invert
 from asfm.types import BoolArray, FloatArray, IntArray, Tracks
 
 MIN_SHARED = 4
-"""Fewest shared tracks from which a planar motion is believed."""
+"""Fewest shared tracks, and fewest inliers, of a planar motion."""
 MAX_GAP = 4
-"""How many frames back a frame looks for one that it shares enough with."""
+"""Frames back within which a frame is connected to another."""
+TOLERANCE_PER_RANGE = 0.03
+"""Distance of an inlier from the planar motion, over its range."""
 
 
 def estimate_planar_motion(
     xy_a: FloatArray, xy_b: FloatArray, tolerance_m: FloatArray, rng: np.random.Generator, trials: int = 300
 ) -> tuple[FloatArray, BoolArray]:
-    """Find the planar motion a_from_b that most points agree with, by RANSAC over pairs of points.
+    """Estimate the planar motion a_from_b by RANSAC (MSAC) over pairs of points.
 
     The points are those of elevation zero, (r cos(theta), r sin(theta)).
 
     Args:
-        xy_a, xy_b: (M, 2) the same points seen from two frames, M >= 2.
-        tolerance_m: (M,) how far an agreeing point may lie.
+        xy_a: (M, 2) points in metres seen from frame a, M >= 2.
+        xy_b: (M, 2) the same points seen from frame b.
+        tolerance_m: (M,) largest distance of an inlier.
+        rng: draws the samples.
+        trials: number of samples.
 
     Returns:
-        (4, 4) a_from_b with no motion out of the plane, (M,) which points agree.
+        (4, 4) a_from_b without motion out of the plane, (M,) which points are inliers.
     """
     picks = np.array([rng.choice(len(xy_a), 2, replace=False) for _ in range(trials)])
     return estimate_planar_motion_msac(xy_a, xy_b, tolerance_m, picks)
@@ -33,12 +38,19 @@ def estimate_planar_motion(
 def planar_odometry(
     tracks: Tracks, frame_count: int, first_pose: FloatArray, vehicle_from_sonar: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, BoolArray]:
-    """Chain the planar motions between consecutive frames.
+    """Chain planar motions between near frames.
 
-    Where a frame shares too little with those before it, the last pose is held, and the chain goes on from there.
+    A frame that shares too few tracks with those before it keeps the previous pose, and the chain continues from there.
+
+    Args:
+        tracks: observations of landmarks.
+        frame_count: N.
+        first_pose: (4, 4) world_from_vehicle of the first frame.
+        vehicle_from_sonar: (4, 4) lever arm.
+        rng: draws the RANSAC samples.
 
     Returns:
-        (N, 4, 4) world_from_vehicle, (N,) false where the pose was held for want of shared tracks.
+        (N, 4, 4) world_from_vehicle, (N,) whether a planar motion supports the pose; true for the first frame.
     """
     world_from_sonar = np.repeat((first_pose @ vehicle_from_sonar)[None], frame_count, axis=0)
     supported = np.zeros(frame_count, dtype=bool)
@@ -48,13 +60,13 @@ def planar_odometry(
     for frame in range(1, frame_count):
         world_from_sonar[frame] = world_from_sonar[frame - 1]
         before = range(frame - 1, max(frame - 1 - MAX_GAP, -1), -1)
-        for other in sorted(before, key=lambda index: not supported[index]):  # a held pose is the last resort
+        for other in sorted(before, key=lambda index: not supported[index]):  # nearest first, unsupported poses last
             a, b = _shared(tracks, of_frame[other], of_frame[frame])
             if len(a) < MIN_SHARED:
                 continue
-            tolerance_m = 0.03 * tracks.range_m[b]
-            motion, agrees = estimate_planar_motion(xy[a], xy[b], tolerance_m, rng)
-            if agrees.sum() >= MIN_SHARED:
+            tolerance_m = TOLERANCE_PER_RANGE * tracks.range_m[b]
+            motion, inlier = estimate_planar_motion(xy[a], xy[b], tolerance_m, rng)
+            if inlier.sum() >= MIN_SHARED:
                 world_from_sonar[frame] = world_from_sonar[other] @ motion
                 supported[frame] = True
                 break
@@ -62,5 +74,6 @@ def planar_odometry(
 
 
 def _shared(tracks: Tracks, a: IntArray, b: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the observations among two frames' (A,) and (B,) that belong to tracks of both, (M,) each."""
     _, in_a, in_b = np.intersect1d(tracks.track[a], tracks.track[b], return_indices=True)
     return a[in_a], b[in_b]
