@@ -1,4 +1,4 @@
-"""Test odometry against image matches, and resolve conflicts between odometry and depth/attitude."""
+"""Hypothesis test of odometry against image matches."""
 
 from collections.abc import Sequence as Rows
 from dataclasses import dataclass, replace
@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from asfm.config import Config
 from asfm.diagnostics import Diagnostic
 from asfm.geometry.feature_noise import feature_sigma
-from asfm.geometry.poses import depth_roll_pitch, heading, invert, make_pose, steps_between
+from asfm.geometry.poses import invert
 from asfm.geometry.sonar import SonarModel
 from asfm.navigation.odometry_hypotheses import (
     AS_RECORDED,
@@ -19,10 +19,9 @@ from asfm.navigation.odometry_hypotheses import (
     odometry_hypotheses,
 )
 from asfm.navigation.outlier_filter import MAD_TO_SIGMA
-from asfm.navigation.sensor_consistency import compare_odometry_attitude, describe_conflicts
 from asfm.navigation.sensor_constraints import SensorConstraints
 from asfm.sequence import Sequence
-from asfm.types import FloatArray, SensorNoise
+from asfm.types import FloatArray
 
 MIN_FRAME_PAIRS = 8
 """With fewer frame pairs the odometry is not tested."""
@@ -37,8 +36,6 @@ TIE_RATIO = 1.15
 """Hypotheses whose arc distances differ by at most this factor are equally good."""
 WORSE_THAN_STATIONARY_RATIO = 1.25
 """Odometry is worse than no motion at all when its arc distance exceeds that of a stationary sonar by this factor."""
-ATTITUDE_BETTER_FIT_RATIO = 0.9
-"""The images agree with navigation when its height, roll and pitch reduce the arc distance below this share."""
 
 
 @dataclass(frozen=True)
@@ -162,81 +159,3 @@ def measure_disagreement(
         shift_m = np.linalg.norm(a_from_b[:2, 3] - pair.a_from_b[:2, 3])
         differences.append(np.array([turn_rad, shift_m]) / abs(pair.frame_b - pair.frame_a))
     return np.asarray(MAD_TO_SIGMA * np.median(differences, axis=0))
-
-
-def resolve_attitude_conflict(
-    world_from_vehicle: FloatArray,
-    sensors: SensorConstraints,
-    point_pairs: Rows[PointPairs],
-    sequence: Sequence,
-) -> tuple[FloatArray, SensorConstraints]:
-    """Resolve conflicts between odometry and depth or attitude with the images.
-
-    Where the images agree with navigation, odometry takes its values in the channels concerned. Otherwise navigation is
-    left out there, because odometry alone is free of contradictions.
-
-    Args:
-        world_from_vehicle: (N, 4, 4) odometry.
-        sensors: constraints from the odometry, depth and attitude.
-        point_pairs: planar-motion inliers of frame pairs.
-        sequence: gives the sonar, its lever arm and the stated noise.
-
-    Returns:
-        (N, 4, 4) initial poses, and the constraints on them.
-    """
-    consistency = compare_odometry_attitude(world_from_vehicle, sensors.depth_attitude, sequence.noise)
-    conflict = consistency.contradicts
-    if not conflict.any():
-        return world_from_vehicle, sensors
-    sentences = describe_conflicts(consistency)
-    lever = sequence.vehicle_from_sonar
-    if len(point_pairs) >= MIN_FRAME_PAIRS:
-        readings = np.where(conflict, sensors.z_roll_pitch, depth_roll_pitch(world_from_vehicle))
-        corrected = _with_depth_attitude(world_from_vehicle, readings)
-        recorded_m, corrected_m = (
-            float(np.mean([median_arc_distance_m(pair, poses @ lever, sequence.sonar) for pair in point_pairs]))
-            for poses in (world_from_vehicle, corrected)
-        )
-        if corrected_m < ATTITUDE_BETTER_FIT_RATIO * recorded_m:
-            remedy = (
-                f"the images agree with navigation ({corrected_m:.2g} m instead of {recorded_m:.2g} m): odometry takes "
-                "its values"
-            )
-            found = tuple(Diagnostic("sensor-conflict", f"{sentence}; {remedy}") for sentence in sentences)
-            return corrected, recompute_steps(sensors, corrected, sequence.noise, found)
-    sigma = sensors.z_roll_pitch_sigma.copy()
-    sigma[:, conflict] = np.inf
-    found = tuple(Diagnostic("sensor-conflict", f"{sentence}; navigation's is left out") for sentence in sentences)
-    return world_from_vehicle, replace(sensors, z_roll_pitch_sigma=sigma, diagnostics=(*sensors.diagnostics, *found))
-
-
-def recompute_steps(
-    sensors: SensorConstraints,
-    world_from_vehicle: FloatArray,
-    noise: SensorNoise,
-    diagnostics: tuple[Diagnostic, ...],
-) -> SensorConstraints:
-    """Replace the steps by those between corrected poses, with the noise that depth and attitude add to them.
-
-    Args:
-        sensors: constraints before the correction.
-        world_from_vehicle: (N, 4, 4) corrected poses.
-        noise: stated noise of depth and attitude.
-        diagnostics: appended to those of the constraints.
-    """
-    angle_rad = max(noise.navigation_roll_rad, noise.navigation_pitch_rad)
-    added = np.sqrt(2.0) * np.array([angle_rad, noise.navigation_z_m])
-    return replace(
-        sensors,
-        first_pose=world_from_vehicle[0],
-        steps=steps_between(world_from_vehicle),
-        step_sigma=np.hypot(sensors.step_sigma, added),
-        diagnostics=(*sensors.diagnostics, *diagnostics),
-    )
-
-
-def _with_depth_attitude(world_from_vehicle: FloatArray, z_roll_pitch: FloatArray) -> FloatArray:
-    """Replace the height, roll and pitch of (N, 4, 4) poses by (N, 3) readings; keep x, y and heading."""
-    angles = np.stack([heading(world_from_vehicle), z_roll_pitch[:, 2], z_roll_pitch[:, 1]], axis=1)
-    position = np.concatenate([world_from_vehicle[:, :2, 3], z_roll_pitch[:, :1]], axis=1)
-    return make_pose(position, Rotation.from_euler("ZYX", angles))

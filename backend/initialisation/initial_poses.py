@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from asfm.backend.initialisation.planar_odometry import planar_odometry
 from asfm.config import Config
 from asfm.geometry.poses import chain_steps, make_pose, steps_between
+from asfm.navigation.attitude_conflict import resolve_attitude_conflict
 from asfm.navigation.frame_navigation import FrameNavigation
 from asfm.navigation.odometry_check import (
     OdometryTest,
@@ -15,7 +16,6 @@ from asfm.navigation.odometry_check import (
     diagnose_odometry,
     diagnose_time_offset,
     measure_disagreement,
-    resolve_attitude_conflict,
 )
 from asfm.navigation.odometry_hypotheses import PointPairs, odometry_hypotheses, planar_inliers
 from asfm.navigation.sensor_consistency import align_initial_attitude, estimate_time_offset
