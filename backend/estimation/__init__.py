@@ -1,1 +1,1 @@
-"""One round of estimation: triangulate, reject, weigh, adjust."""
+"""One estimation round: triangulate tracks, reject outliers, estimate their noise, adjust poses and points."""

@@ -1,4 +1,4 @@
-"""Landmarks with what is known of their error."""
+"""Landmarks of a solution: position, covariance, number of views and elevation arc."""
 
 import numpy as np
 
@@ -11,24 +11,25 @@ from asfm.sequence import Sequence
 from asfm.types import BoolArray, FloatArray, IntArray, Landmarks, Tracks
 
 ARC_POINTS = 9
-FADING_EDGES = 5
-"""How many sigmas of the beam's edge a point may lie outside the aperture."""
+"""Points at which an elevation arc is sampled."""
+APERTURE_MARGIN_SIGMAS = 5
+"""Points may lie outside the elevation aperture by this many sigmas of its edge, where beams fade."""
 
 
 def describe_landmarks(solution: Solution, covariance_m2: FloatArray, sequence: Sequence, config: Config) -> Landmarks:
-    """Give the landmarks of a solution with covariance, number of views and elevation arc.
+    """Describe the landmarks of a solution with covariance, number of views and elevation arc.
 
-    A landmark is well constrained when its largest sigma is a small share of half its elevation arc: the motion has
-    told clearly more about the elevation than the beam itself does.
+    A landmark is well constrained when its largest sigma is a small share of half its elevation arc: the motion
+    determines the elevation much better than the aperture of the beam does.
 
     Args:
         solution: poses and points.
-        covariance_m2: (T, 3, 3) of the points.
-        sequence: gives the sonar.
+        covariance_m2: (T, 3, 3) covariances of the points, world frame.
+        sequence: gives the sonar and its lever arm.
         config: section ``backend``.
     """
     tracks = solution.tracks
-    track = np.flatnonzero(solution.bundle.in_graph & ~_astray(solution, sequence))
+    track = np.flatnonzero(solution.bundle.in_graph & ~_outside_aperture(solution, sequence))
     covariance = covariance_m2[track]
     sigma_m = np.sqrt(np.linalg.eigvalsh(covariance)[:, -1]) if len(track) else np.zeros(0)
     last = _last_observations(tracks, solution)[track]
@@ -44,22 +45,19 @@ def describe_landmarks(solution: Solution, covariance_m2: FloatArray, sequence: 
     )
 
 
-def _astray(solution: Solution, sequence: Sequence) -> BoolArray:
-    """Tell which tracks' points the optimisation has thrown out of a beam that sees them, (T,): no landmarks.
-
-    Points may lie a little outside, where beams fade; behind the beam or clearly above or below it they cannot.
-    """
+def _outside_aperture(solution: Solution, sequence: Sequence) -> BoolArray:
+    """Return which (T,) tracks have a point that lies behind, or clearly above or below, a beam that observes it."""
     tracks, used = solution.tracks, solution.observed
     sonar_from_world = invert(solution.bundle.world_from_vehicle @ sequence.vehicle_from_sonar)[tracks.frame[used]]
-    seen = transform(sonar_from_world, solution.bundle.xyz_m[tracks.track[used]])
-    _, bearing_rad, elevation_rad = project(seen)
+    in_sonar = transform(sonar_from_world, solution.bundle.xyz_m[tracks.track[used]])
+    _, bearing_rad, elevation_rad = project(in_sonar)
     behind = np.cos(bearing_rad - tracks.bearing_rad[used]) <= 0
-    outside = np.abs(elevation_rad) > sequence.sonar.elevation_aperture_rad / 2 + FADING_EDGES * EDGE_RAD
+    outside = np.abs(elevation_rad) > sequence.sonar.elevation_aperture_rad / 2 + APERTURE_MARGIN_SIGMAS * EDGE_RAD
     return np.bincount(tracks.track[used], behind | outside, minlength=tracks.count) > 0
 
 
 def _last_observations(tracks: Tracks, solution: Solution) -> IntArray:
-    """Index of each track's last used observation, (T,); observations are sorted by track and frame."""
+    """Return the (T,) index of each track's last used observation; observations are sorted by track and frame."""
     last = np.zeros(tracks.count, dtype=np.int64)
     used = np.flatnonzero(solution.observed)
     last[tracks.track[used]] = used
@@ -67,6 +65,7 @@ def _last_observations(tracks: Tracks, solution: Solution) -> IntArray:
 
 
 def _world_arcs(tracks: Tracks, last: IntArray, sequence: Sequence, world_from_vehicle: FloatArray) -> FloatArray:
+    """Return the (K, ARC_POINTS, 3) elevation arcs, world frame, of the (K,) last observations."""
     arc = sequence.sonar.elevation_arc(tracks.range_m[last], tracks.bearing_rad[last], ARC_POINTS)
     world_from_sonar = world_from_vehicle[tracks.frame[last]] @ sequence.vehicle_from_sonar
     return transform(world_from_sonar[:, None], arc)

@@ -1,24 +1,25 @@
-"""Which observations enter the graph where a landmark has more than it needs."""
+"""Selection of the observations that enter the graph: at most a given number of each track."""
 
 import numpy as np
 
 from asfm.types import BoolArray, FloatArray, Tracks
 
 
-def cap_observations(tracks: Tracks, observed: BoolArray, sigma: FloatArray, most: int) -> BoolArray:
-    """Leave each track at most so many observations: those that inform most.
+def cap_observations(tracks: Tracks, observed: BoolArray, sigma: FloatArray, max_views: int) -> BoolArray:
+    """Keep at most a given number of observations of each track: the most informative ones.
 
-    What a track tells comes from how far its views lie apart and from how sharp they are. It is cut into as many
-    stretches of equal numbers of views, and the sharpest view of each stays; so does its first and its last.
+    The information of a track comes from views that lie far apart and have small sigmas. Its first and last view are
+    kept; those between are divided into sections of equal numbers of views, and the one with the smallest sigma is kept
+    from each.
 
     Args:
         tracks: (O,) observations sorted by track and frame.
-        observed: (O,) those that may be kept.
+        observed: (O,) which may be kept.
         sigma: (O, 2) standard deviations of range_m and bearing_rad.
-        most: at least 3.
+        max_views: number of observations kept of a track, at least 3.
 
     Returns:
-        (O,) those that are kept.
+        (O,) which are kept.
     """
     used = np.flatnonzero(observed)
     track = tracks.track[used]
@@ -27,14 +28,16 @@ def cap_observations(tracks: Tracks, observed: BoolArray, sigma: FloatArray, mos
     first = np.flatnonzero(np.diff(track, prepend=-1))
     views = np.diff(np.append(first, len(used)))
     rank, count = np.arange(len(used)) - np.repeat(first, views), np.repeat(views, views)
-    # The stretches lie between the first view, number 0, and the last.
+    # Section 0 is the first view, section max_views - 1 the last.
     inner = np.maximum(count - 2, 1)
-    stretch = np.where(rank == 0, 0, np.where(rank == count - 1, most - 1, 1 + (rank - 1) * (most - 2) // inner))
-    blur = (sigma[used] ** 2 / np.median(sigma[used] ** 2, axis=0)).sum(axis=1)
-    order = np.lexsort((blur, stretch, track))
+    section = np.where(
+        rank == 0, 0, np.where(rank == count - 1, max_views - 1, 1 + (rank - 1) * (max_views - 2) // inner)
+    )
+    variance = (sigma[used] ** 2 / np.median(sigma[used] ** 2, axis=0)).sum(axis=1)
+    order = np.lexsort((variance, section, track))
     best = np.ones(len(used), dtype=bool)
-    best[1:] = (np.diff(track[order]) != 0) | (np.diff(stretch[order]) != 0)
+    best[1:] = (np.diff(track[order]) != 0) | (np.diff(section[order]) != 0)
     kept = np.zeros(len(tracks), dtype=bool)
     kept[used[order[best]]] = True
-    kept[used[count <= most]] = True
+    kept[used[count <= max_views]] = True
     return kept

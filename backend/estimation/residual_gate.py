@@ -1,4 +1,4 @@
-"""What the misfit of an observation is measured with when points are triangulated."""
+"""Residual scale and gate used in triangulation."""
 
 from dataclasses import dataclass
 
@@ -13,20 +13,30 @@ from asfm.sequence import Sequence
 from asfm.types import FloatArray, Tracks
 
 MEASURED_SLACK, GUESSED_SLACK = 1.2, 1.5
-"""Sigmas are widened by this for triangulation, because the poses are not yet right: measured and guessed motion."""
+"""Factors of the sigmas in triangulation, which cover pose errors: with odometry, and with a motion prior only."""
 
 
 @dataclass(frozen=True)
 class ResidualGate:
-    """The same for all solutions that are compared."""
+    """Sigmas and gate of the residuals; solutions are comparable only under the same one."""
 
     sigma: FloatArray
-    """(O, 2) of range_m and bearing_rad, the slack included."""
+    """(O, 2) standard deviations of range_m and bearing_rad, including the slack."""
     gate: Gate
 
 
 def make_residual_gate(tracks: Tracks, sequence: Sequence, sensors: SensorConstraints, config: Config) -> ResidualGate:
-    """Take the observations' sigmas, at least the typical ones, and a gate around the beam's edge."""
+    """Make the sigmas and the gate with which tracks are triangulated.
+
+    The sigmas are those stated, but at least the default ones, times a factor for pose errors. The edge of the
+    elevation aperture is blurred by the typical rotation error of a step.
+
+    Args:
+        tracks: (O,) observations.
+        sequence: gives the sonar.
+        sensors: typical rotation error, and whether the motion is measured.
+        config: section ``noise``.
+    """
     sigma = gate_sigma(tracks, sequence.sonar, config.noise)
     edge_rad = float(np.hypot(EDGE_RAD, sensors.typical_rotation_rad))
     slack = MEASURED_SLACK if sensors.measured else GUESSED_SLACK

@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from asfm.backend.estimation.track_noise import LAGS, NARROWEST, WIDEST, autocorrelation_inflation, estimate_track_noise
+from asfm.backend.estimation.track_noise import (
+    MAX_LAG,
+    MAX_NOISE_RATIO,
+    MIN_NOISE_RATIO,
+    autocorrelation_inflation,
+    estimate_track_noise,
+)
 
 
 def test_noisy_tracks_are_told_from_sharp_ones() -> None:
@@ -32,7 +38,7 @@ def test_what_is_not_observed_does_not_count_and_nothing_goes_beyond_the_limits(
     observed[5] = False
     observed[track == 2] = False
     found = estimate_track_noise(track, observed, residual)
-    assert found[0] == WIDEST and found[1] == NARROWEST and found[2] == 1.0
+    assert found[0] == MAX_NOISE_RATIO and found[1] == MIN_NOISE_RATIO and found[2] == 1.0
     np.testing.assert_allclose(found[3:], 1.0, atol=0.05)
 
 
@@ -56,7 +62,8 @@ def test_errors_that_last_weigh_more_than_errors_of_one_size_that_do_not() -> No
     errors[:40] = make_lasting(0.8, 40, 40, np.random.default_rng(3))
     track = np.repeat(np.arange(200), 40)
     plain, found = (
-        estimate_track_noise(track, np.ones(len(track), dtype=bool), errors.reshape(-1, 2), lags) for lags in (0, LAGS)
+        estimate_track_noise(track, np.ones(len(track), dtype=bool), errors.reshape(-1, 2), lags)
+        for lags in (0, MAX_LAG)
     )
     np.testing.assert_allclose(np.median(plain[:40]), 1.0, atol=0.1)
     assert np.median(found[:40]) > 1.4 and np.median(found[40:]) == pytest.approx(1.0, abs=0.05)
