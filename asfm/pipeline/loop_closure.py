@@ -1,4 +1,4 @@
-"""Loop closure: propose pairs of frames, look at them again, verify what matches, close what stands."""
+"""Loop closure: propose pairs of frames, match and verify them, and close the loops that are consistent."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -22,38 +22,39 @@ from asfm.sequence import Sequence
 from asfm.stages import StageReport
 from asfm.types import FloatArray, Keypoints, Matches, Tracks
 
-Judged = tuple[LoopPair, LoopCheck]
+CheckedPair = tuple[LoopPair, LoopCheck]
 
 LOOP_COST_OFFSET = 1.0
-"""Added to the cost of a loop's matches: tracks are built from the matches of the window first."""
+"""Added to the cost of a loop's matches, so that tracks are built from the matches within the window first."""
 MIN_INLIER_RATIO = 0.5
-"""Share of a loop's matches that must lie near their arcs once all loops are closed."""
+"""Share of a loop's matches that must be inliers of their elevation arcs once all loops are closed."""
 MIN_CONSISTENT_SHARE = 0.8
-"""Share of the loops that must stand: where more contradict the others the scene repeats itself, and none is sure."""
+"""Share of the loops that must be consistent: with fewer the scene is repetitive, and all loops are rejected."""
 
 
 @dataclass(frozen=True)
 class Closure:
-    """Loops that were found, and poses that agree with them."""
+    """Accepted loops, and the poses after closing them."""
 
     world_from_vehicle: FloatArray
-    """(N, 4, 4); those of before where there is no loop."""
+    """(N, 4, 4); unchanged where no loop was accepted or the poses agree with all of them."""
     matches: list[Matches]
-    """Of the accepted pairs of frames."""
+    """Those of the accepted loops."""
 
 
 @dataclass
 class _LoopFrames:
-    """Frames looked at again: each image is read once more, and only where a loop needs it."""
+    """Frames of loop candidates: images are read again only where a candidate needs them, each once."""
 
     sequence: Sequence
     keypoints: list[Keypoints]
-    """Of every frame; those looked at have their patches."""
+    """Of every frame; those of loaded frames have patches."""
     descriptors: dict[int, FloatArray]
+    """Place descriptors by frame, of loaded frames."""
     config: Config
 
     def load(self, index: int) -> FloatArray:
-        """Give the descriptor of a frame, and its keypoints their patches."""
+        """Return the place descriptor of a frame, and cut the patches of its keypoints."""
         if index not in self.descriptors:
             frame = self.sequence.read_frame(index)
             self.descriptors[index] = describe_place(frame, self.sequence.sonar)
@@ -64,12 +65,14 @@ class _LoopFrames:
 def find_loops(
     sequence: Sequence, keypoints: list[Keypoints], solution: Solution, config: Config, report: StageReport
 ) -> Closure:
-    """Find loops under the poses of a round, and close them.
+    """Find loops under the poses of a solution, and close them.
 
     Args:
+        sequence: gives images, sonar and lever arm.
         keypoints: those of every frame, without patches.
         solution: poses, tracks and graph.
-        report: told what was looked at and accepted.
+        config: sections ``loops``, ``matching``, ``noise`` and ``backend``.
+        report: receives the numbers of pairs checked, loops accepted and rejected.
 
     Raises:
         AsfmError: a frame cannot be read again.
@@ -78,82 +81,88 @@ def find_loops(
     search = search_loops(solution, sequence, config.loops, window)
     chosen = choose_pairs(search, config.loops, window)
     frames = _LoopFrames(sequence, list(keypoints), {}, config)
-    tracked = KeypointTracks(solution.tracks, keypoints, sequence.sonar, config.noise, solution.observed)
-    judged = _judge_pairs(chosen, frames, poses @ sequence.vehicle_from_sonar, tracked)
-    beside = _list_neighbours(search, judged, window)
-    judged += _judge_pairs(beside, frames, poses @ sequence.vehicle_from_sonar, tracked)
-    supported = _find_supported(judged, window)
-    poses, loops = _close([check.matches for _, check in supported], frames, solution, tracked)
+    keypoint_tracks = KeypointTracks(solution.tracks, keypoints, sequence.sonar, config.noise, solution.observed)
+    world_from_sonar = poses @ sequence.vehicle_from_sonar
+    checked = _check_pairs(chosen, frames, world_from_sonar, keypoint_tracks)
+    neighbours = _unconfirmed_neighbours(search, checked, window)
+    checked += _check_pairs(neighbours, frames, world_from_sonar, keypoint_tracks)
+    confirmed = _confirmed_pairs(checked, window)
+    poses, loops = _close_consistent([check.matches for _, check in confirmed], frames, solution, keypoint_tracks)
     report.counts = {
-        "pairs looked at": len(chosen) + len(beside),
+        "pairs looked at": len(chosen) + len(neighbours),
         "loops": len(loops),
         "matches": sum(len(match) for match in loops),
-        **_count_reasons(judged, supported, len(supported) - len(loops)),
+        **_count_rejections(checked, confirmed, len(confirmed) - len(loops)),
     }
     return Closure(poses, [replace(match, cost=match.cost + LOOP_COST_OFFSET) for match in loops])
 
 
-def _judge_pairs(
-    pairs: Iterable[LoopPair], frames: _LoopFrames, world_from_sonar: FloatArray, tracked: KeypointTracks
-) -> list[Judged]:
-    """Match and verify pairs whose descriptors are alike."""
-    judged = []
-    for pair in pairs:
-        if place_similarity(frames.load(pair.frame_a), frames.load(pair.frame_b)) >= frames.config.loops.min_similarity:
-            judged.append((pair, _judge_pair(pair, frames, world_from_sonar, tracked)))
-    return judged
+def _check_pairs(
+    pairs: Iterable[LoopPair], frames: _LoopFrames, world_from_sonar: FloatArray, keypoint_tracks: KeypointTracks
+) -> list[CheckedPair]:
+    """Match and verify the pairs with similar place descriptors; (N, 4, 4) poses predict the motion."""
+    min_similarity = frames.config.loops.min_similarity
+    return [
+        (pair, _check_pair(pair, frames, world_from_sonar, keypoint_tracks))
+        for pair in pairs
+        if place_similarity(frames.load(pair.frame_a), frames.load(pair.frame_b)) >= min_similarity
+    ]
 
 
-def _judge_pair(
-    pair: LoopPair, frames: _LoopFrames, world_from_sonar: FloatArray, tracked: KeypointTracks
+def _check_pair(
+    pair: LoopPair, frames: _LoopFrames, world_from_sonar: FloatArray, keypoint_tracks: KeypointTracks
 ) -> LoopCheck:
+    """Match a pair under the predicted motion, and verify the loop."""
     sonar, config = frames.sequence.sonar, frames.config
     root = float(np.sqrt(pair.frame_b - pair.frame_a))
     predicted = PosePrediction(world_from_sonar, pair.bearing_sigma_rad / root, pair.range_sigma_m / root)
     matches = match_pairs([(pair.frame_a, pair.frame_b)], frames.keypoints, config, sonar, predicted)
     (aligned,) = align_matches(matches, frames.keypoints, sonar, config)
-    return verify_loop(aligned, frames.keypoints, sonar, predicted, tracked, config)
+    return verify_loop(aligned, frames.keypoints, sonar, predicted, keypoint_tracks, config)
 
 
-def _list_neighbours(search: LoopSearch, judged: list[Judged], window: int) -> list[LoopPair]:
-    """List the pairs beside the sure ones that nothing supports yet."""
-    supported, known = {pair for pair, _ in _find_supported(judged, window)}, {pair for pair, _ in judged}
-    lonely = [pair for pair, check in judged if check.sure and pair not in supported]
-    found = [other for pair in lonely for other in find_neighbours(search, pair)]
-    return [pair for pair in dict.fromkeys(found) if pair not in known]
+def _unconfirmed_neighbours(search: LoopSearch, checked: list[CheckedPair], window: int) -> list[LoopPair]:
+    """Return the unchecked neighbours of the sure pairs that no other pair confirms."""
+    confirmed, known = {pair for pair, _ in _confirmed_pairs(checked, window)}, {pair for pair, _ in checked}
+    unconfirmed = [pair for pair, check in checked if check.sure and pair not in confirmed]
+    neighbours = [other for pair in unconfirmed for other in find_neighbours(search, pair)]
+    return [pair for pair in dict.fromkeys(neighbours) if pair not in known]
 
 
-def _find_supported(judged: list[Judged], window: int) -> list[Judged]:
-    """Give the accepted pairs that another one, close in both frames, agrees with; one of the two is sure."""
-    accepted = [(pair, check) for pair, check in judged if check.accepted]
+def _confirmed_pairs(checked: list[CheckedPair], window: int) -> list[CheckedPair]:
+    """Return the accepted pairs that another accepted pair, near in both frames, is consistent with; one is sure."""
+    accepted = [(pair, check) for pair, check in checked if check.accepted]
     return [one for one in accepted if any(are_mutually_consistent(one[1], other[1], 2 * window) for other in accepted)]
 
 
-def _close(
-    loops: list[Matches], frames: _LoopFrames, solution: Solution, tracked: KeypointTracks
+def _close_consistent(
+    loops: list[Matches], frames: _LoopFrames, solution: Solution, keypoint_tracks: KeypointTracks
 ) -> tuple[FloatArray, list[Matches]]:
-    """Close the loops, leave out those that the closed trajectory contradicts, and close the others again.
+    """Close the loops, reject those that the closed trajectory contradicts, and close the others again.
 
-    Where many contradict each other there is no telling which are right, and all are left out. Where the poses of
-    before agree with all of them there is nothing to close: their matches join the tracks, and the poses stay.
+    Where many contradict each other all are rejected, because none can be trusted. Where the poses agree with all loops
+    before closure the poses stay, and only the matches are used.
+
+    Returns:
+        (N, 4, 4) world_from_vehicle, and the matches of the consistent loops.
     """
     poses, sequence, config = solution.bundle.world_from_vehicle, frames.sequence, frames.config
     correlation = config.backend.track_correlation
     sigma = feature_sigma(sequence.sonar, config.noise)
     while loops:
-        observations = loop_observations(loops, tracked)
+        observations = loop_observations(loops, keypoint_tracks)
         closed = close_loops(solution.bundle, observations, sigma, sequence.vehicle_from_sonar, correlation)
-        stands = _find_consistent(loops, closed, frames)
-        if all(stands):
+        consistent = _find_consistent(loops, closed, frames)
+        if all(consistent):
             return poses if all(_find_consistent(loops, poses, frames)) else closed, loops
-        if sum(stands) < MIN_CONSISTENT_SHARE * len(stands):
+        if sum(consistent) < MIN_CONSISTENT_SHARE * len(consistent):
             return poses, []
-        loops = [match for match, fine in zip(loops, stands, strict=True) if fine]
+        loops = [match for match, kept in zip(loops, consistent, strict=True) if kept]
     return poses, loops
 
 
 def _find_consistent(loops: list[Matches], world_from_vehicle: FloatArray, frames: _LoopFrames) -> list[bool]:
-    """Tell which loops the poses agree with."""
+    """Return which loops are consistent with (N, 4, 4) poses."""
     sonar, config = frames.sequence.sonar, frames.config
     world_from_sonar = world_from_vehicle @ frames.sequence.vehicle_from_sonar
     sigma, gate = difference_sigma(sonar, config.noise), config.matching.arc_gate
@@ -163,24 +172,33 @@ def _find_consistent(loops: list[Matches], world_from_vehicle: FloatArray, frame
     ]
 
 
-def loop_observations(loops: list[Matches], tracked: KeypointTracks) -> Tracks:
-    """Turn matches into observations of each side's landmark by the other side's frame, each only once."""
+def loop_observations(loops: list[Matches], keypoint_tracks: KeypointTracks) -> Tracks:
+    """Convert matches into observations of either frame's landmark by the other frame, without duplicates.
+
+    Args:
+        loops: matches of the accepted loops.
+        keypoint_tracks: the track of each keypoint, and the keypoints of every frame.
+
+    Returns:
+        Observations whose tracks are those of the solution, sorted.
+    """
     rows = []
     for match in loops:
         for frame, other, (own, theirs) in (
             (match.frame_a, match.frame_b, match.index.T),
             (match.frame_b, match.frame_a, match.index.T[::-1]),
         ):
-            track, seen = tracked.find(other, theirs), tracked.keypoints[frame]
-            same = track == tracked.find(frame, own)
-            places = np.stack([track, np.full(len(own), frame), seen.range_m[own], seen.bearing_rad[own]], axis=1)
-            rows.append(places[(track >= 0) & ~same])
+            track, seen = keypoint_tracks.find(other, theirs), keypoint_tracks.keypoints[frame]
+            same = track == keypoint_tracks.find(frame, own)
+            row = np.stack([track, np.full(len(own), frame), seen.range_m[own], seen.bearing_rad[own]], axis=1)
+            rows.append(row[(track >= 0) & ~same])
     table = np.unique(np.concatenate(rows), axis=0)
     return Tracks(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2], table[:, 3])
 
 
-def _count_reasons(judged: list[Judged], supported: list[Judged], contradicted: int) -> dict[str, float]:
-    reasons = [check.reason for _, check in judged if not check.accepted]
-    alone = len(judged) - len(reasons) - len(supported)
-    reasons += ["standing alone"] * alone + ["contradiction"] * contradicted
+def _count_rejections(checked: list[CheckedPair], confirmed: list[CheckedPair], contradicted: int) -> dict[str, float]:
+    """Count the rejected pairs by reason."""
+    reasons = [check.reason for _, check in checked if not check.accepted]
+    unconfirmed = len(checked) - len(reasons) - len(confirmed)
+    reasons += ["standing alone"] * unconfirmed + ["contradiction"] * contradicted
     return {f"rejected for {name}": reasons.count(name) for name in dict.fromkeys(reasons)}

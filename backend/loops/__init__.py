@@ -1,1 +1,1 @@
-"""Loop closure candidates, and loops closed in a pose graph."""
+"""Loop candidates, and loop closure in the factor graph."""

@@ -1,8 +1,9 @@
-"""Loops: pairs of frames far apart in time that should see the same, by their poses and how sure those are."""
+"""Loop candidates: frames far apart in time whose fields of view overlap under the estimated poses and covariances."""
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from asfm.backend.estimation.solution import Solution
 from asfm.backend.graph.relative_covariance import joint_covariance, predict_sigma
@@ -13,85 +14,80 @@ from asfm.sequence import Sequence
 from asfm.types import BoolArray, FloatArray, IntArray
 
 MAX_FRAMES = 120
-"""Loops are looked for among this many frames, evenly spread: what the search costs is bounded."""
-REACH_SHARE = 0.6
-"""Share of the greatest range at which a pair's uncertainty is told: where most sonars look at the bottom."""
-SAMPLES = (4, 5, 3)
-"""Ranges, bearings and elevations at which a frustum is sampled."""
+"""Loops are searched among at most this many frames, evenly spread, to bound the cost."""
+TYPICAL_RANGE_SHARE = 0.6
+"""Share of the maximum range at which a pair's uncertainty is predicted: where most sonars see the bottom."""
+FRUSTUM_SAMPLES = (4, 5, 3)
+"""Ranges, bearings and elevations at which the field of view is sampled."""
 
 
 @dataclass(frozen=True)
 class LoopPair:
-    """Two frames that should see the same."""
+    """Two frames that should see the same scene."""
 
     frame_a: int
     frame_b: int
     overlap: float
-    """Share of frame a's frustum that frame b sees, or may see."""
+    """Share of frame a's field of view that frame b sees, or may see given the uncertainty of its pose."""
     range_sigma_m: float
-    """Standard deviation of where frame b is predicted to see frame a's points."""
+    """Standard deviation of the range at which frame b is predicted to see frame a's points."""
     bearing_sigma_rad: float
+    """The same for the bearing."""
 
 
 @dataclass(frozen=True)
 class LoopSearch:
-    """The frames among which loops are looked for, and all pairs of them that qualify."""
+    """The frames among which loops are searched, and the candidate pairs."""
 
     frames: IntArray
-    """(F,) rising."""
+    """(F,) numbers of frames, rising."""
     pairs: dict[tuple[int, int], LoopPair]
-    """By frames (a, b), a before b."""
+    """By their frames (a, b), a before b."""
 
 
 def search_loops(solution: Solution, sequence: Sequence, settings: LoopsConfig, window: int) -> LoopSearch:
-    """Find the pairs of frames beyond the window that overlap and that few landmarks join yet.
+    """Find pairs of frames beyond the window that overlap and share few landmarks.
 
-    No pair reaches across a step that neither odometry nor tracks know: how far it went is a guess there, and a place
-    that looks alike may lie wherever the guess allows the same one to be.
+    Pairs on both sides of a step that neither odometry nor tracks determine are excluded: the length of that step is
+    only assumed, and a similar place could be taken for the same one.
 
     Args:
-        solution: poses, landmarks and their graph, which tells the poses' covariance.
-        sequence: the sonar.
+        solution: poses, landmarks and the graph, from which the covariance of the poses follows.
+        sequence: gives the sonar and its lever arm.
         settings: section ``loops``.
-        window: frames closer than this have been matched already.
+        window: frames at most this far apart have been matched already.
     """
     count = len(sequence)
     frames = np.unique(np.linspace(0, count - 1, min(count, MAX_FRAMES)).round().astype(np.int64))
-    apart = frames[None] - frames[:, None] > window
-    apart &= ~_are_joined(solution, frames, count, settings.max_shared)
-    piece = _number_pieces(solution, sequence, settings.min_matches)[frames]
-    apart &= piece[None] == piece[:, None]
-    if not apart.any():
+    candidate = frames[None] - frames[:, None] > window
+    candidate &= ~_share_landmarks(solution, frames, count, settings.max_shared)
+    segment = _label_segments(solution, sequence, settings.min_matches)[frames]
+    candidate &= segment[None] == segment[:, None]
+    if not candidate.any():
         return LoopSearch(frames, {})
     poses = solution.bundle.world_from_vehicle[frames]
     covariance = settings.sigma_factor**2 * joint_covariance(solution.bundle, frames)
-    reach_m = REACH_SHARE * float(sequence.sonar.range_edges_m[-1])
-    sigma = predict_sigma(covariance, poses, sequence.vehicle_from_sonar, reach_m)
-    overlap = np.zeros(apart.shape)
-    world_from_sonar = poses @ sequence.vehicle_from_sonar
-    for a in np.flatnonzero(apart.any(axis=1)).tolist():
-        others = np.flatnonzero(apart[a])
-        margin = np.stack([part[a, others] for part in (sigma.range_m, sigma.bearing_rad, sigma.elevation_rad)], axis=1)
-        overlap[a, others] = _overlap(world_from_sonar[a], world_from_sonar[others], margin, sequence.sonar)
-    chosen = np.argwhere(apart & (overlap >= settings.min_overlap))
-    pairs = {
-        (int(frames[a]), int(frames[b])): LoopPair(
-            int(frames[a]),
-            int(frames[b]),
-            float(overlap[a, b]),
-            float(sigma.range_m[a, b]),
-            float(sigma.bearing_rad[a, b]),
-        )
-        for a, b in chosen
-    }
+    range_m = TYPICAL_RANGE_SHARE * float(sequence.sonar.range_edges_m[-1])
+    sigma = predict_sigma(covariance, poses, sequence.vehicle_from_sonar, range_m)
+    margin = np.stack([sigma.range_m, sigma.bearing_rad, sigma.elevation_rad], axis=-1)
+    overlap = _pairwise_overlap(poses @ sequence.vehicle_from_sonar, candidate, margin, sequence.sonar)
+    pairs = {}
+    for a, b in np.argwhere(candidate & (overlap >= settings.min_overlap)):
+        key = int(frames[a]), int(frames[b])
+        pairs[key] = LoopPair(*key, float(overlap[a, b]), float(sigma.range_m[a, b]), float(sigma.bearing_rad[a, b]))
     return LoopSearch(frames, pairs)
 
 
 def choose_pairs(search: LoopSearch, settings: LoopsConfig, window: int) -> list[LoopPair]:
     """Choose the pair of the largest overlap from each cell of the plane of frame pairs.
 
-    The cells are squares of half a window, or as much larger as keeps their number within ``loops.max_pairs``: few
-    loops are looked at closely, and many evenly.
+    The cells are squares with a side of half a window, enlarged until their number is within ``loops.max_pairs``, so
+    that the chosen pairs are spread evenly.
+
+    Args:
+        search: candidate pairs.
+        settings: section ``loops``.
+        window: in frames.
     """
     size = max(window // 2, 1)
     while True:
@@ -106,7 +102,7 @@ def choose_pairs(search: LoopSearch, settings: LoopsConfig, window: int) -> list
 
 
 def find_neighbours(search: LoopSearch, pair: LoopPair) -> list[LoopPair]:
-    """Give the pairs whose frames come just before and after both of a pair's."""
+    """Return the candidate pairs of the frames just before and after those of a pair, among the searched frames."""
     a, b = np.searchsorted(search.frames, [pair.frame_a, pair.frame_b]).tolist()
     steps = ((-1, -1), (1, 1), (-1, 1), (1, -1))
     inside = [(a + i, b + j) for i, j in steps if 0 <= a + i < b + j < len(search.frames)]
@@ -114,49 +110,61 @@ def find_neighbours(search: LoopSearch, pair: LoopPair) -> list[LoopPair]:
     return [search.pairs[key] for key in keys if key in search.pairs]
 
 
-def _are_joined(solution: Solution, frames: IntArray, frame_count: int, most: int) -> BoolArray:
-    """Tell which pairs of frames share more than so many landmarks: (F, F)."""
-    from scipy.sparse import csr_matrix
-
+def _share_landmarks(solution: Solution, frames: IntArray, frame_count: int, max_shared: int) -> BoolArray:
+    """Return which (F, F) pairs of frames share more than a number of landmarks."""
     used = solution.observed
-    place = np.full(frame_count, -1)
-    place[frames] = np.arange(len(frames))
-    row, column = place[solution.tracks.frame[used]], solution.tracks.track[used]
+    row_of_frame = np.full(frame_count, -1)
+    row_of_frame[frames] = np.arange(len(frames))
+    row, column = row_of_frame[solution.tracks.frame[used]], solution.tracks.track[used]
     kept = row >= 0
-    sees = csr_matrix(
+    visibility = csr_matrix(
         (np.ones(int(kept.sum())), (row[kept], column[kept])), shape=(len(frames), max(solution.tracks.count, 1))
     )
-    return np.asarray((sees @ sees.T).toarray() > most)
+    return np.asarray((visibility @ visibility.T).toarray() > max_shared)
 
 
-def _number_pieces(solution: Solution, sequence: Sequence, least: int) -> IntArray:
-    """Number the pieces (N,) of a trajectory that unknown steps cut it into.
+def _label_segments(solution: Solution, sequence: Sequence, min_landmarks: int) -> IntArray:
+    """Return the (N,) number of the segment of each frame; segments are separated by undetermined steps.
 
-    A step from a frame to the next is known when odometry measured it, or when so many landmarks bridge it, used both
-    before and after: a chain must rest on as much as a loop, or it is the chain that yields to a wrong one.
+    A step is determined by odometry, or by enough landmarks that were used both before and after it. The required
+    number is that of a loop's matches: otherwise a wrong loop would outweigh the step.
     """
     count, tracks, sensors = len(sequence), solution.tracks, solution.problem.sensors
     used = solution.observed & solution.bundle.in_graph[tracks.track]
     first, last = tracks.frame_span(used)
     change = np.bincount(first, minlength=count) - np.bincount(last, minlength=count)
-    known = np.cumsum(change)[:-1] >= least
+    known = np.cumsum(change)[:-1] >= min_landmarks
     known |= sensors.known_steps(sequence.noise)
     return np.concatenate([[0], np.cumsum(~known)])
+
+
+def _pairwise_overlap(
+    world_from_sonar: FloatArray, candidate: BoolArray, margin: FloatArray, sonar: SonarModel
+) -> FloatArray:
+    """Return the (F, F) overlap of (F, F) candidate pairs under (F, F, 3) margins; zero elsewhere."""
+    overlap = np.zeros(candidate.shape)
+    for a in np.flatnonzero(candidate.any(axis=1)).tolist():
+        others = np.flatnonzero(candidate[a])
+        overlap[a, others] = _overlap(world_from_sonar[a], world_from_sonar[others], margin[a, others], sonar)
+    return overlap
 
 
 def _overlap(
     world_from_a: FloatArray, world_from_others: FloatArray, margin: FloatArray, sonar: SonarModel
 ) -> FloatArray:
-    """Share (M,) of one frustum that others see, widened by (M, 3) margins of range, bearing and elevation."""
+    """Return the share (M,) of one field of view that M others see, widened by (M, 3) margins.
+
+    The margins are of range in metres, bearing and elevation in radians.
+    """
     half = sonar.elevation_aperture_rad / 2
     edges = (sonar.range_edges_m, sonar.bearing_edges_rad, np.array([-half, half]))
     axes = [
-        side[0] + (side[-1] - side[0]) * (np.arange(count) + 0.5) / count
-        for side, count in zip(edges, SAMPLES, strict=True)
+        edge[0] + (edge[-1] - edge[0]) * (np.arange(count) + 0.5) / count
+        for edge, count in zip(edges, FRUSTUM_SAMPLES, strict=True)
     ]
     in_world = transform(world_from_a, back_project(*np.meshgrid(*axes, indexing="ij")).reshape(-1, 3))
     seen = project(transform(invert(world_from_others)[:, None], in_world))
     inside = np.ones(seen[0].shape, dtype=bool)
-    for value, side, beyond in zip(seen, edges, margin.T, strict=True):
-        inside &= (value >= side[0] - beyond[:, None]) & (value <= side[-1] + beyond[:, None])
+    for value, edge, beyond in zip(seen, edges, margin.T, strict=True):
+        inside &= (value >= edge[0] - beyond[:, None]) & (value <= edge[-1] + beyond[:, None])
     return np.asarray(inside.mean(axis=1))

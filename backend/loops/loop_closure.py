@@ -1,8 +1,8 @@
-"""Closing loops: poses that bring the two sightings of each landmark together, before tracks are joined across a loop.
+"""Loop closure: poses optimised with the observations of landmarks across loops.
 
-The halves of a landmark that drift has pulled apart would not pass as one track. So the graph of the last round gets
-the loops' matches as further observations, of the landmark by the frame that found it again, and is optimised from
-where it is: first with sigmas as wide as the loops are open, then with their own.
+Drift separates the two observations of a landmark across a loop, so that they would not pass as one track. The graph of
+the last round therefore gets the loops' matches as additional observations, of the landmark by the frame that sees it
+again, and is optimised from its optimum: first with sigmas inflated to the residuals of the loops, then with their own.
 """
 
 import gtsam
@@ -15,45 +15,53 @@ from asfm.geometry.poses import invert, transform
 from asfm.geometry.sonar import project
 from asfm.types import FloatArray, Tracks
 
-STEPS = 8
-"""Iterations of each of the optimisations; the next round of adjustment goes on from there."""
+MAX_ITERATIONS = 8
+"""Iterations of each optimisation; the next round of adjustment continues from there."""
+PASSES = 2
+"""Optimisations, each with sigmas inflated to the median residual of the loops at its start."""
 
 
 def close_loops(
     bundle: Bundle, loop_observations: Tracks, sigma: FloatArray, vehicle_from_sonar: FloatArray, correlation: float
 ) -> FloatArray:
-    """Optimise the poses under landmarks seen loop_observations: (N, 4, 4) world_from_vehicle.
+    """Optimise the poses with additional observations of landmarks across loops.
 
     Args:
-        bundle: the optimum without loops.
-        loop_observations: observations, by frames that found landmarks again; the tracks are the bundle's.
+        bundle: the optimum without loops, of N poses and T points.
+        loop_observations: (O,) observations of landmarks across loops; their tracks are those of the bundle.
         sigma: (2,) standard deviations of range_m and bearing_rad.
-        vehicle_from_sonar: (4, 4).
-        correlation: of the errors of one track's observations.
+        vehicle_from_sonar: (4, 4) lever arm.
+        correlation: correlation of the errors of one track's observations.
+
+    Returns:
+        (N, 4, 4) world_from_vehicle.
     """
-    seen = bundle.in_graph[loop_observations.track]
-    if not seen.any():
+    used = bundle.in_graph[loop_observations.track]
+    if not used.any():
         return bundle.world_from_vehicle
     views = np.bincount(loop_observations.track, minlength=len(bundle.xyz_m))[loop_observations.track]
     sigmas = sigma * np.sqrt(1 + correlation * (views - 1))[:, None]
     values, poses, points = bundle.values, bundle.world_from_vehicle, bundle.xyz_m
-    for _ in range(2):
-        wide = max(1.0, float(np.median(_residuals(loop_observations, poses, points, vehicle_from_sonar, sigma)[seen])))
+    for _ in range(PASSES):
+        residual = _residuals(loop_observations, poses, points, vehicle_from_sonar, sigma)
+        inflation = max(1.0, float(np.median(residual[used])))
         graph = bundle.graph.clone()
-        for index in np.flatnonzero(seen).tolist():
-            _add_sighting(graph, loop_observations, index, wide * sigmas[index], gtsam.Pose3(vehicle_from_sonar))
+        for index in np.flatnonzero(used).tolist():
+            _add_observation(
+                graph, loop_observations, index, inflation * sigmas[index], gtsam.Pose3(vehicle_from_sonar)
+            )
         parameters = gtsam.LevenbergMarquardtParams()
-        parameters.setMaxIterations(STEPS)
+        parameters.setMaxIterations(MAX_ITERATIONS)
         parameters.setRelativeErrorTol(1e-4)
         values = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
         poses = np.stack([values.atPose3(FIRST_POSE + index).matrix() for index in range(len(poses))])
         points = points.copy()
-        for track in np.unique(loop_observations.track[seen]).tolist():
+        for track in np.unique(loop_observations.track[used]).tolist():
             points[track] = values.atPoint3(FIRST_POINT + track)
     return poses
 
 
-def _add_sighting(
+def _add_observation(
     graph: gtsam.NonlinearFactorGraph, loop_observations: Tracks, index: int, sigma: FloatArray, lever_arm: gtsam.Pose3
 ) -> None:
     pose, point = FIRST_POSE + int(loop_observations.frame[index]), FIRST_POINT + int(loop_observations.track[index])
@@ -68,7 +76,7 @@ def _residuals(
     vehicle_from_sonar: FloatArray,
     sigma: FloatArray,
 ) -> FloatArray:
-    """Tell how many sigmas (O,) each sighting is from its landmark."""
+    """Return the (O,) norms of the whitened range and bearing residuals of the loop observations."""
     sonar_from_world = invert(world_from_vehicle @ vehicle_from_sonar)[loop_observations.frame]
     range_m, bearing_rad, _ = project(transform(sonar_from_world, xyz_m[loop_observations.track]))
     return np.asarray(

@@ -286,7 +286,7 @@ def test_loops_that_contradict_each_other_are_all_left_out(
 
     monkeypatch.setattr(loops, "arc_inlier_ratio", stand)
     eyes = loops._LoopFrames(trip.sequence, keypoints, {}, Config())
-    poses, left = loops._close(some, eyes, trip.solution, tracked)
+    poses, left = loops._close_consistent(some, eyes, trip.solution, tracked)
     assert [match.frame_a for match in left] == list(range(kept))
     assert np.array_equal(poses, before) == (kept == 0)
 
@@ -298,7 +298,9 @@ def test_loops_that_the_poses_agree_with_leave_them_alone(monkeypatch: pytest.Mo
     tracked = KeypointTracks(trip.solution.tracks, keypoints, SONAR, Config().noise, everything)
     monkeypatch.setattr(loops, "arc_inlier_ratio", lambda *_: 1.0)
     some = [Matches(1, 25, np.zeros((1, 2), dtype=np.int64), np.zeros(1))]
-    poses, left = loops._close(some, loops._LoopFrames(trip.sequence, keypoints, {}, Config()), trip.solution, tracked)
+    poses, left = loops._close_consistent(
+        some, loops._LoopFrames(trip.sequence, keypoints, {}, Config()), trip.solution, tracked
+    )
     assert left == some and poses is trip.solution.bundle.world_from_vehicle
 
 
