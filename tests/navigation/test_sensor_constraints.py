@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from asfm.backend.initialisation.initial_poses import initialise_from_odometry, initialise_from_tracks
-from asfm.config import BackendConfig, Config
-from asfm.geometry.poses import invert, make_pose, transform
+from asfm.backend.initialisation.initial_poses import initialise_from_odometry
+from asfm.config import BackendConfig
+from asfm.geometry.poses import make_pose
 from asfm.geometry.sonar import SonarModel
 from asfm.navigation.frame_navigation import read_navigation
 from asfm.navigation.odometry import read_odometry
@@ -121,38 +121,3 @@ def test_level_pose_has_the_reading_s_depth_and_attitude() -> None:
     pose = level_pose(np.array([-3.0, 0.2, -0.3]))
     np.testing.assert_allclose(pose[:3, 3], [0, 0, -3])
     np.testing.assert_allclose(Rotation.from_matrix(pose[:3, :3]).as_euler("ZYX"), [0.0, -0.3, 0.2], atol=1e-12)
-
-
-def _planar_tracks(poses: FloatArray) -> Tracks:
-    rng = np.random.default_rng(3)
-    xyz_m = np.column_stack([rng.uniform([3, -2], [8, 2], (30, 2)), np.zeros(30)])
-    seen = transform(invert(poses), xyz_m[:, None])
-    track, frame = np.divmod(np.arange(30 * len(poses)), len(poses))
-    range_m, bearing_rad = np.linalg.norm(seen, axis=-1), np.arctan2(seen[..., 1], seen[..., 0])
-    return Tracks(track, frame, range_m.ravel(), bearing_rad.ravel())
-
-
-def test_start_from_tracks_follows_a_planar_path_and_expects_steps_of_its_size() -> None:
-    turn = Rotation.from_rotvec(np.outer(0.03 * np.arange(5), [0.0, 0.0, 1.0]))
-    truth = make_pose(np.outer(np.arange(5), [0.2, 0.0, 0.0]), turn)
-    sequence = replace(_sequence(), odometry=None, navigation=None)
-    start = initialise_from_tracks(
-        read_navigation(sequence, BackendConfig()), sequence, _planar_tracks(truth), Config(), np.random.default_rng(0)
-    )
-    np.testing.assert_allclose(start.world_from_vehicle, truth, atol=1e-6)
-    np.testing.assert_allclose(start.sensors.steps, np.tile(np.eye(4), (4, 1, 1)), atol=1e-12)
-    factor = Config().backend.motion_prior_factor
-    np.testing.assert_allclose(
-        start.sensors.step_sigma, np.tile([factor * 0.03 / np.sqrt(3), factor * 0.2 / np.sqrt(3)], (4, 1)), rtol=1e-6
-    )
-
-
-def test_start_from_no_tracks_is_finite_and_stays() -> None:
-    for frame_count in (1, 3):
-        sequence = replace(_sequence(frame_count), odometry=None)
-        start = initialise_from_tracks(
-            read_navigation(sequence, BackendConfig()), sequence, NOTHING, Config(), np.random.default_rng(0)
-        )
-        level = level_pose(read_navigation(sequence, BackendConfig()).depth_attitude.z_roll_pitch[0])
-        np.testing.assert_allclose(start.world_from_vehicle, np.repeat(level[None], frame_count, axis=0), atol=1e-12)
-        assert np.all(start.sensors.step_sigma > 0) and start.sensors.step_sigma.shape == (frame_count - 1, 2)
