@@ -1,4 +1,4 @@
-"""Depth and attitude with single wrong readings and gaps: rejected, told with numbers, and no reading made up."""
+"""Depth and attitude at the frame times: outliers rejected and reported, gaps unconstrained, rare readings shared."""
 
 from dataclasses import replace
 
@@ -10,7 +10,6 @@ from asfm.config import BackendConfig
 from asfm.geometry.poses import depth_roll_pitch, make_pose
 from asfm.geometry.sonar import SonarModel
 from asfm.navigation.depth_attitude import frames_per_reading, interpolate_depth_attitude
-from asfm.navigation.outlier_filter import find_outliers
 from asfm.sequence import Sequence
 from asfm.simulation.vehicle.sensors import measure_tilt
 from asfm.types import FloatArray, Navigation, SensorNoise, Trajectory
@@ -22,12 +21,12 @@ COUNT = 60
 
 
 def make_sequence(seed: int = 0, readings_every_s: float = 0.2, offset_s: float = 0.0) -> Sequence:
-    """Frames five times a second; depth and attitude sway by many times their noise."""
+    """Make frames five times a second; depth and attitude oscillate by many times their noise."""
     rng = np.random.default_rng(seed)
     stamps = np.arange(offset_s, COUNT * 0.2, readings_every_s)
     level = sway(stamps) + rng.normal(0, [0.01, 0.003, 0.003], (len(stamps), 3))
     navigation = Navigation(stamps, *level.T)
-    return Sequence("made up", SONAR, frame_stamps(), no_frame, navigation=navigation, noise=NOISE)
+    return Sequence("simulated", SONAR, frame_stamps(), no_frame, navigation=navigation, noise=NOISE)
 
 
 def frame_stamps() -> FloatArray:
@@ -48,23 +47,23 @@ def spoil(sequence: Sequence, column: int, offsets: dict[int, float]) -> Sequenc
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_clean_readings_are_all_believed(seed: int) -> None:
+def test_clean_readings_are_all_used(seed: int) -> None:
     sequence = make_sequence(seed)
-    levels = interpolate_depth_attitude(sequence, BackendConfig())
-    assert levels.diagnostics == ()
+    readings = interpolate_depth_attitude(sequence, BackendConfig())
+    assert readings.diagnostics == ()
     assert sequence.navigation is not None
-    np.testing.assert_array_equal(levels.z_roll_pitch[:, 0], sequence.navigation.z_m)
-    np.testing.assert_allclose(levels.sigma, np.tile([0.01, 0.003, 0.003], (COUNT, 1)))
+    np.testing.assert_array_equal(readings.z_roll_pitch[:, 0], sequence.navigation.z_m)
+    np.testing.assert_allclose(readings.sigma, np.tile([0.01, 0.003, 0.003], (COUNT, 1)))
 
 
 @pytest.mark.parametrize("where", [{0: 1.0}, {59: -1.0}, {7: 1.0, 20: -1.0, 33: 1.0, 34: 1.0, 50: -0.5}])
-def test_single_wrong_depths_are_not_believed_and_told(where: dict[int, float]) -> None:
-    levels = interpolate_depth_attitude(spoil(make_sequence(), 0, where), BackendConfig())
+def test_outlier_depths_are_rejected_and_reported(where: dict[int, float]) -> None:
+    readings = interpolate_depth_attitude(spoil(make_sequence(), 0, where), BackendConfig())
     truth = sway(frame_stamps())
-    inner = np.isfinite(levels.sigma[:, 0])
+    inner = np.isfinite(readings.sigma[:, 0])
     assert inner.sum() >= COUNT - 1
-    assert np.abs(levels.z_roll_pitch[inner, 0] - truth[inner, 0]).max() < 0.08
-    (found,) = levels.diagnostics
+    assert np.abs(readings.z_roll_pitch[inner, 0] - truth[inner, 0]).max() < 0.08
+    (found,) = readings.diagnostics
     assert found.code == "navigation-outliers"
     assert (
         f"{len(where)} of 60 depth readings" in found.message
@@ -72,20 +71,22 @@ def test_single_wrong_depths_are_not_believed_and_told(where: dict[int, float]) 
     )
 
 
-def test_wrong_attitude_leaves_the_depth_alone() -> None:
-    levels = interpolate_depth_attitude(spoil(make_sequence(), 1, {30: np.deg2rad(20)}), BackendConfig())
-    (found,) = levels.diagnostics
+def test_outlier_attitude_does_not_affect_the_depth() -> None:
+    readings = interpolate_depth_attitude(spoil(make_sequence(), 1, {30: np.deg2rad(20)}), BackendConfig())
+    (found,) = readings.diagnostics
     assert found.code == "navigation-outliers"
     assert "1 of 60 roll readings" in found.message and "sigma is 0.17 deg" in found.message
-    assert levels.sigma[30, 1] == pytest.approx(0.003 * np.sqrt(2)), "its neighbours, twice as far apart, stand in"
-    assert levels.sigma[30, 0] == pytest.approx(0.01)
+    assert readings.sigma[30, 1] == pytest.approx(0.003 * np.sqrt(2)), (
+        "interpolated between its neighbours, twice as far apart"
+    )
+    assert readings.sigma[30, 0] == pytest.approx(0.01)
 
 
-def test_a_vehicle_that_really_jumps_is_believed_where_odometry_does_too() -> None:
+def test_jump_that_odometry_confirms_is_not_rejected() -> None:
     sequence = spoil(make_sequence(), 0, {30: 1.0, 31: 1.0})
-    place = np.zeros((COUNT, 3))
-    place[[30, 31], 2] = 1.0
-    odometry = Trajectory(sequence.timestamps_s, make_pose(place, Rotation.identity(COUNT)))
+    position = np.zeros((COUNT, 3))
+    position[[30, 31], 2] = 1.0
+    odometry = Trajectory(sequence.timestamps_s, make_pose(position, Rotation.identity(COUNT)))
     assert interpolate_depth_attitude(sequence, BackendConfig(), odometry).diagnostics == ()
     alone = interpolate_depth_attitude(sequence, BackendConfig())
     assert [found.code for found in alone.diagnostics] == ["navigation-outliers"]
@@ -98,31 +99,31 @@ def test_frames_in_a_gap_have_no_depth() -> None:
     keep[30:41] = False
     columns = (sequence.navigation.z_m, sequence.navigation.roll_rad, sequence.navigation.pitch_rad)
     cut = Navigation(sequence.navigation.timestamps_s[keep], *(column[keep] for column in columns))
-    levels = interpolate_depth_attitude(replace(sequence, navigation=cut), BackendConfig())
-    np.testing.assert_array_equal(np.isfinite(levels.sigma).all(axis=1), keep)
-    assert np.isfinite(levels.z_roll_pitch).all()
-    (found,) = levels.diagnostics
+    readings = interpolate_depth_attitude(replace(sequence, navigation=cut), BackendConfig())
+    np.testing.assert_array_equal(np.isfinite(readings.sigma).all(axis=1), keep)
+    assert np.isfinite(readings.z_roll_pitch).all()
+    (found,) = readings.diagnostics
     assert found.code == "navigation-gap" and found.frames == ((30, 40),)
     assert "11 of 60 frames (30-40)" in found.message
 
 
-def test_frames_outside_the_readings_time_have_no_depth() -> None:
-    levels = interpolate_depth_attitude(make_sequence(offset_s=4.0), BackendConfig())
-    assert np.flatnonzero(~np.isfinite(levels.sigma[:, 0])).tolist() == [*range(20), 59][:20]
-    found = levels.diagnostics[0]
+def test_frames_outside_the_time_of_the_readings_have_no_depth() -> None:
+    readings = interpolate_depth_attitude(make_sequence(offset_s=4.0), BackendConfig())
+    assert np.flatnonzero(~np.isfinite(readings.sigma[:, 0])).tolist() == [*range(20), 59][:20]
+    found = readings.diagnostics[0]
     assert found.code == "navigation-gap" and "20 of 60 frames (0-19)" in found.message
 
 
-def test_rare_readings_are_not_counted_more_often_than_they_were_made() -> None:
+def test_rare_readings_are_not_counted_more_than_once() -> None:
     """One reading a second, five frames: the information of all frames together is that of the readings."""
-    levels = interpolate_depth_attitude(make_sequence(readings_every_s=1.0, offset_s=0.1), BackendConfig())
-    known = np.isfinite(levels.sigma[:, 0])
-    information = float(np.sum(levels.sigma[known, 0] ** -2.0)) * 0.01**2
+    readings = interpolate_depth_attitude(make_sequence(readings_every_s=1.0, offset_s=0.1), BackendConfig())
+    known = np.isfinite(readings.sigma[:, 0])
+    information = float(np.sum(readings.sigma[known, 0] ** -2.0)) * 0.01**2
     assert 10 < information < 16
-    assert {found.code for found in levels.diagnostics} <= {"navigation-gap"}
+    assert {found.code for found in readings.diagnostics} <= {"navigation-gap"}
 
 
-def test_sharing_counts() -> None:
+def test_frames_per_reading() -> None:
     frames: FloatArray = np.arange(10.0)
     np.testing.assert_array_equal(frames_per_reading(frames, frames), np.ones(10))
     np.testing.assert_array_equal(frames_per_reading(np.arange(0, 10, 0.1), frames), np.ones(10))
@@ -138,18 +139,3 @@ def test_tilt_agrees_with_the_simulator() -> None:
     np.testing.assert_allclose(
         depth_roll_pitch(poses), np.stack([poses[:, 2, 3], roll_rad, pitch_rad], axis=1), atol=1e-12
     )
-
-
-@pytest.mark.parametrize("count", [0, 1, 2, 3, 7, 8, 30])
-def test_a_straight_line_holds_no_spike(count: int) -> None:
-    line = np.outer(np.arange(count), [0.3, -2.0])
-    assert not find_outliers(line, 1e-6)[0].any()
-
-
-@pytest.mark.parametrize("index", [0, 1, 5, 18, 19])
-def test_a_spike_on_a_slope_is_found_wherever_it_is(index: int) -> None:
-    values = np.arange(20.0)[:, None] * 0.5 + np.random.default_rng(0).normal(0, 0.01, (20, 1))
-    values[index] += 3.0
-    wrong, away = find_outliers(values, 0.01)
-    assert np.flatnonzero(wrong[:, 0]).tolist() == [index]
-    assert away[index, 0] == pytest.approx(3.0, abs=0.1)

@@ -1,4 +1,4 @@
-"""Odometry that jumps or has gaps: the step is not believed, told with numbers, and clean odometry is untouched."""
+"""Odometry at the frame times: jumps replaced and reported, gaps with large sigmas, clean odometry unchanged."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ def make_steps(seed: int = 0) -> FloatArray:
 def make_sequence(steps: FloatArray) -> Sequence:
     stamps = np.asarray(0.2 * np.arange(COUNT), dtype=np.float64)
     odometry = Trajectory(stamps, chain_steps(np.eye(4), steps))
-    return Sequence("made up", SONAR, stamps, no_frame, odometry=odometry, noise=NOISE)
+    return Sequence("simulated", SONAR, stamps, no_frame, odometry=odometry, noise=NOISE)
 
 
 def read(sequence: Sequence) -> Odometry:
@@ -40,7 +40,7 @@ def read(sequence: Sequence) -> Odometry:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_clean_odometry_is_untouched(seed: int) -> None:
+def test_clean_odometry_is_not_changed(seed: int) -> None:
     sequence = make_sequence(make_steps(seed))
     odometry = read(sequence)
     assert sequence.odometry is not None
@@ -51,7 +51,7 @@ def test_clean_odometry_is_untouched(seed: int) -> None:
 
 @pytest.mark.parametrize("step", [0, 1, 20, COUNT - 2])
 @pytest.mark.parametrize("turned", [False, True])
-def test_a_jump_is_taken_out_and_told(step: int, turned: bool) -> None:
+def test_jump_is_replaced_and_reported(step: int, turned: bool) -> None:
     steps = make_steps()
     clean = chain_steps(np.eye(4), steps)
     jump = (
@@ -69,12 +69,12 @@ def test_a_jump_is_taken_out_and_told(step: int, turned: bool) -> None:
     assert size_m == pytest.approx(0.06 if turned else 1.0, abs=0.15)
     apart = invert(clean[step]) @ clean[step + 1]
     repaired = invert(odometry.world_from_vehicle[step]) @ odometry.world_from_vehicle[step + 1]
-    off_m = np.linalg.norm((apart - repaired)[:3, 3])
-    assert off_m < 0.1 < 3 * odometry.step_sigma[step, 1], "the sigma covers what the median misses"
+    error_m = np.linalg.norm((apart - repaired)[:3, 3])
+    assert error_m < 0.1 < 3 * odometry.step_sigma[step, 1], "the sigma covers the error of the median"
     assert odometry.step_sigma[step, 0] > 0.005
 
 
-def test_one_wrong_pose_spoils_two_steps() -> None:
+def test_one_wrong_pose_makes_two_steps_unreliable() -> None:
     sequence = make_sequence(make_steps())
     assert sequence.odometry is not None
     poses = sequence.odometry.world_from_vehicle.copy()
@@ -85,7 +85,7 @@ def test_one_wrong_pose_spoils_two_steps() -> None:
     assert np.abs((odometry.world_from_vehicle - truth)[:, :3, 3]).max() < 0.15
 
 
-def test_lost_pings_and_manoeuvres_are_no_jumps() -> None:
+def test_missing_frames_and_manoeuvres_are_no_jumps() -> None:
     sequence = make_sequence(make_steps())
     keep = np.r_[0:12, 24:COUNT]
     lost = replace(sequence, timestamps_s=sequence.timestamps_s[keep])
@@ -96,7 +96,7 @@ def test_lost_pings_and_manoeuvres_are_no_jumps() -> None:
 
 
 @pytest.mark.parametrize("lost", [range(15, 26), range(30, COUNT), range(0, 10)])
-def test_steps_without_readings_are_vague(lost: range) -> None:
+def test_steps_without_readings_get_large_sigmas(lost: range) -> None:
     sequence = make_sequence(make_steps())
     assert sequence.odometry is not None
     keep = ~np.isin(np.arange(COUNT), lost)
@@ -112,7 +112,7 @@ def test_steps_without_readings_are_vague(lost: range) -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2, 5])
-def test_few_frames_are_read_as_they_are(count: int) -> None:
+def test_few_frames_are_not_filtered(count: int) -> None:
     sequence = make_sequence(make_steps())
     few = replace(sequence, timestamps_s=sequence.timestamps_s[:count])
     odometry = read(few)

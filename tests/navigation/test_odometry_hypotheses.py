@@ -23,17 +23,15 @@ from asfm.navigation.odometry_hypotheses import (
     planar_inliers,
 )
 from asfm.types import FloatArray, Keypoints, Matches
-from tests.worlds import VEHICLE_LEVER_ARM, VEHICLE_SONAR, make_vehicle_path, observe_floor, pair_points
-
-
-def mirror_axis(axis: int) -> Callable[[FloatArray], FloatArray]:
-    sign = np.where(np.arange(3) == axis, -1.0, 1.0)
-    return lambda poses: make_pose(poses[:, :3, 3] * sign, Rotation.from_matrix(poses[:, :3, :3]))
-
-
-def mirror_heading(poses: FloatArray) -> FloatArray:
-    angles = Rotation.from_matrix(poses[:, :3, :3]).as_euler("ZYX") * [-1, 1, 1]
-    return make_pose(poses[:, :3, 3], Rotation.from_euler("ZYX", angles))
+from tests.worlds import (
+    VEHICLE_LEVER_ARM,
+    VEHICLE_SONAR,
+    make_vehicle_path,
+    mirror_angle,
+    mirror_axis,
+    observe_floor,
+    pair_points,
+)
 
 
 def swap_sides(poses: FloatArray) -> FloatArray:
@@ -53,7 +51,7 @@ def turn_body(degrees: float) -> Callable[[FloatArray], FloatArray]:
         ("with its x axis mirrored", mirror_axis(0)),
         ("with its y axis mirrored", mirror_axis(1)),
         ("with its z axis mirrored", mirror_axis(2)),
-        ("with its heading mirrored", mirror_heading),
+        ("with its heading mirrored", mirror_angle(0)),
         ("with port and starboard swapped", swap_sides),
         ("inverted", invert),
         ("with its body axes turned by 90 deg about z", turn_body(-90)),
@@ -145,8 +143,9 @@ def test_planar_inliers_are_kept_without_the_planted_outliers() -> None:
 
 def test_pairs_without_a_common_motion_or_with_few_points_are_dropped_and_their_number_is_bounded() -> None:
     rng = np.random.default_rng(1)
-    random = PointPairs(0, 1, *rng.uniform([1, -0.6], [9, 0.6], (2, 60, 2)), np.eye(4))
-    few = PointPairs(1, 2, *rng.uniform([1, -0.6], [9, 0.6], (2, MIN_INLIERS - 1, 2)), np.eye(4))
+    one, other = rng.uniform([1, -0.6], [9, 0.6], (2, 60, 2))
+    random = PointPairs(0, 1, one, other, np.eye(4))
+    few = PointPairs(1, 2, one[: MIN_INLIERS - 1], one[: MIN_INLIERS - 1], np.eye(4))
     assert planar_inliers([random, few], rng) == [] == planar_inliers([], rng)
     same = rng.uniform([1, -0.6], [9, 0.6], (20, 2))
     many = [PointPairs(frame, frame + 1, same, same, np.eye(4)) for frame in range(200)]

@@ -27,6 +27,8 @@ from tests.worlds import (
     VEHICLE_FRAMES,
     make_vehicle_path,
     make_vehicle_sequence,
+    mirror_angle,
+    mirror_axis,
     observe_floor,
     pair_points,
 )
@@ -68,16 +70,6 @@ def initialise(sequence: Sequence, floor: Floor) -> InitialPoses:
     return initial
 
 
-def mirror_axis(axis: int) -> Callable[[FloatArray], FloatArray]:
-    sign = np.where(np.arange(3) == axis, -1.0, 1.0)
-    return lambda poses: make_pose(poses[:, :3, 3] * sign, Rotation.from_matrix(poses[:, :3, :3]))
-
-
-def mirror_heading(poses: FloatArray) -> FloatArray:
-    angles = Rotation.from_matrix(poses[:, :3, :3]).as_euler("ZYX") * [-1, 1, 1]
-    return make_pose(poses[:, :3, 3], Rotation.from_euler("ZYX", angles))
-
-
 def turn_body(poses: FloatArray) -> FloatArray:
     return poses @ make_pose(np.zeros(3), Rotation.from_euler("z", -np.pi / 2))
 
@@ -105,7 +97,7 @@ def test_odometry_with_twice_the_stated_noise_is_not_rejected(floor: Floor) -> N
     [
         (mirror_axis(0), "with its x axis mirrored"),
         (mirror_axis(1), "with its y axis mirrored"),
-        (mirror_heading, "with its heading mirrored"),
+        (mirror_angle(0), "with its heading mirrored"),
         (lambda poses: LEFT_HANDED @ poses @ LEFT_HANDED, "with port and starboard swapped"),
         (invert, "inverted"),
         (turn_body, "with its body axes turned by 90 deg about z"),
