@@ -1,4 +1,4 @@
-"""Landmarks of a solution: views, arcs, and whether the motion tells their elevation (roll does, a plane does not)."""
+"""Landmarks of a solution: views, arcs, and elevation determined by roll but not by planar motion."""
 
 from dataclasses import replace
 
@@ -24,8 +24,8 @@ LEVER_ARM = make_pose(np.array([0.4, -0.1, -0.2]), Rotation.from_euler("ZYX", [0
 INDEPENDENT = Config(backend=BackendConfig(track_correlation=0.0))
 
 
-def _sway(roll_rad: float, frame_count: int = 10) -> FloatArray:
-    """A planar path of the sonar, and a roll that swings by so much."""
+def _oscillate(roll_rad: float, frame_count: int = 10) -> FloatArray:
+    """Make a planar path of the sonar with an oscillating roll of the given amplitude."""
     phase = np.linspace(0, 2 * np.pi, frame_count)
     angle_rad = np.column_stack([0.1 * np.sin(phase), np.zeros(frame_count), roll_rad * np.sin(2 * phase + 0.4)])
     place_m = np.column_stack([0.3 * np.sin(phase), 0.3 * np.cos(phase), np.zeros(frame_count)])
@@ -45,9 +45,9 @@ def _describe_landmarks(solution: Solution, sequence: Sequence, config: Config) 
 def _describe(
     world_from_sonar: FloatArray, xyz_m: FloatArray, config: Config = INDEPENDENT
 ) -> tuple[Solution, Landmarks]:
-    """Solve with right odometry and noisy observations."""
+    """Solve with exact odometry and noisy observations."""
     poses = world_from_sonar @ invert(LEVER_ARM)
-    sequence = Sequence("made up", SONAR, np.arange(len(poses), dtype=np.float64), no_frame, LEVER_ARM)
+    sequence = Sequence("simulated", SONAR, np.arange(len(poses), dtype=np.float64), no_frame, LEVER_ARM)
     seen = transform(invert(world_from_sonar), xyz_m[:, None])
     track, frame = np.nonzero(SONAR.sees(seen))
     range_m, bearing_rad, _ = project(seen[track, frame])
@@ -67,17 +67,17 @@ def _describe(
 
 @pytest.fixture(scope="module")
 def rolling() -> tuple[Solution, Landmarks]:
-    return _describe(_sway(0.5), _points(0))
+    return _describe(_oscillate(0.5), _points(0))
 
 
-def test_planar_motion_tells_no_elevation_and_roll_does(rolling: tuple[Solution, Landmarks]) -> None:
-    _, flat = _describe(_sway(0.0), _points(0))
+def test_roll_determines_elevation_and_planar_motion_does_not(rolling: tuple[Solution, Landmarks]) -> None:
+    _, flat = _describe(_oscillate(0.0), _points(0))
     assert len(flat) > 30 and not flat.well_constrained.any()
     off_axis = np.abs(_points(0)[rolling[1].track, 1]) > 0.5
     assert off_axis.sum() > 10 and rolling[1].well_constrained[off_axis].mean() > 0.9
 
 
-def test_well_constrained_landmarks_are_where_they_should_be(rolling: tuple[Solution, Landmarks]) -> None:
+def test_well_constrained_landmarks_are_within_their_sigmas(rolling: tuple[Solution, Landmarks]) -> None:
     _, landmarks = rolling
     error_m = np.linalg.norm(landmarks.xyz_m - _points(0)[landmarks.track], axis=1)
     good = landmarks.well_constrained
@@ -85,7 +85,7 @@ def test_well_constrained_landmarks_are_where_they_should_be(rolling: tuple[Solu
     assert np.all(error_m[good] < 4 * landmarks.sigma_m[good])
 
 
-def test_sigma_is_the_longest_axis_of_the_covariance(rolling: tuple[Solution, Landmarks]) -> None:
+def test_sigma_is_the_largest_of_the_covariance(rolling: tuple[Solution, Landmarks]) -> None:
     _, landmarks = rolling
     expected = [np.sqrt(np.linalg.svd(covariance)[1][0]) for covariance in landmarks.covariance_m2]
     np.testing.assert_allclose(landmarks.sigma_m, expected, rtol=1e-9)
@@ -98,7 +98,7 @@ def test_views_are_the_used_observations(rolling: tuple[Solution, Landmarks]) ->
     assert landmarks.views.min() >= INDEPENDENT.tracks.min_views
 
 
-def test_arcs_are_what_the_last_frame_sees(rolling: tuple[Solution, Landmarks]) -> None:
+def test_arcs_are_those_of_the_last_observation(rolling: tuple[Solution, Landmarks]) -> None:
     solution, landmarks = rolling
     for track, arc_m in zip(landmarks.track.tolist(), landmarks.arc_m, strict=True):
         last = np.flatnonzero(solution.observed & (solution.tracks.track == track))[-1]
@@ -109,9 +109,9 @@ def test_arcs_are_what_the_last_frame_sees(rolling: tuple[Solution, Landmarks]) 
         np.testing.assert_allclose(elevation_rad[[0, -1]], np.deg2rad([-10, 10]), atol=1e-9)
 
 
-def test_correlated_tracks_are_less_sure(rolling: tuple[Solution, Landmarks]) -> None:
-    """Fully correlated errors: n views weigh as one, so sigmas grow towards the root of n."""
-    _, correlated = _describe(_sway(0.5), _points(0), Config(backend=BackendConfig(track_correlation=1.0)))
+def test_correlated_tracks_have_larger_sigmas(rolling: tuple[Solution, Landmarks]) -> None:
+    """Under fully correlated errors n views count as one, so sigmas grow towards the root of n."""
+    _, correlated = _describe(_oscillate(0.5), _points(0), Config(backend=BackendConfig(track_correlation=1.0)))
     _, independent = rolling
     np.testing.assert_array_equal(correlated.track, independent.track)
     growth = correlated.sigma_m / independent.sigma_m
@@ -120,14 +120,14 @@ def test_correlated_tracks_are_less_sure(rolling: tuple[Solution, Landmarks]) ->
 
 def test_tracks_that_contradict_themselves_become_no_landmark() -> None:
     """Ten tracks whose ranges jump by metres, beside good ones."""
-    poses, xyz_m = _sway(0.5), _points(2, 30)
+    poses, xyz_m = _oscillate(0.5), _points(2, 30)
     jumping = np.random.default_rng(3).uniform(1, 9, (len(poses), 10))
     seen = transform(invert(poses), xyz_m[:, None])
     range_m, bearing_rad, _ = project(seen)
     range_m[:10] = jumping.T
     track, frame = np.divmod(np.arange(range_m.size), len(poses))
     tracks = Tracks(track, frame, range_m.ravel(), bearing_rad.ravel())
-    sequence = Sequence("made up", SONAR, np.arange(len(poses), dtype=np.float64), no_frame)
+    sequence = Sequence("simulated", SONAR, np.arange(len(poses), dtype=np.float64), no_frame)
     sensors = sensor_constraints(
         sequence,
         read_navigation(sequence, INDEPENDENT.backend),
@@ -142,8 +142,8 @@ def test_tracks_that_contradict_themselves_become_no_landmark() -> None:
 
 
 def test_no_tracks_give_no_landmarks() -> None:
-    poses = _sway(0.1, 3)
-    sequence = Sequence("made up", SONAR, np.arange(3, dtype=np.float64), no_frame)
+    poses = _oscillate(0.1, 3)
+    sequence = Sequence("simulated", SONAR, np.arange(3, dtype=np.float64), no_frame)
     sensors = make_constraints(sequence, poses, np.full((2, 2), 0.01), measured=True, config=INDEPENDENT.backend)
     nothing = Tracks(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
     solution = solve_tracks(nothing, sequence, poses, sensors, INDEPENDENT)
@@ -158,9 +158,9 @@ def test_points_outside_their_beams_are_no_landmarks(
 ) -> None:
     solution, landmarks = rolling
     xyz_m = solution.bundle.xyz_m.copy()
-    astray = int(landmarks.track[3])
-    xyz_m[astray] = place_m
+    outside = int(landmarks.track[3])
+    xyz_m[outside] = place_m
     spoiled = replace(solution, bundle=replace(solution.bundle, xyz_m=xyz_m))
-    sequence = Sequence("made up", SONAR, np.arange(10, dtype=np.float64), no_frame, LEVER_ARM)
+    sequence = Sequence("simulated", SONAR, np.arange(10, dtype=np.float64), no_frame, LEVER_ARM)
     kept = _describe_landmarks(spoiled, sequence, INDEPENDENT).track
     np.testing.assert_array_equal(kept, np.delete(landmarks.track, 3))

@@ -1,4 +1,4 @@
-"""The views that a landmark keeps: no more than asked, its ends, the sharpest between, and all where there are few."""
+"""Observation selection: at most a given number of each track, its ends, and the smallest sigma of each section."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -20,20 +20,20 @@ def draw_sigma(tracks: Tracks, rng: np.random.Generator) -> FloatArray:
 
 @settings(max_examples=50, deadline=None)
 @given(st.lists(st.integers(1, 60), min_size=1, max_size=6), st.integers(3, 20), st.integers(0, 99))
-def test_no_track_keeps_more_than_asked_and_each_keeps_its_ends(lengths: list[int], most: int, seed: int) -> None:
+def test_tracks_are_capped_and_keep_their_ends(lengths: list[int], max_views: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     tracks = make_tracks(lengths)
     observed = rng.random(len(tracks)) < 0.8
-    kept = cap_observations(tracks, observed, draw_sigma(tracks, rng), most)
+    kept = cap_observations(tracks, observed, draw_sigma(tracks, rng), max_views)
     assert not (kept & ~observed).any()
     for number in range(len(lengths)):
         used, left = (np.flatnonzero(which & (tracks.track == number)) for which in (observed, kept))
-        assert len(left) == min(len(used), most)
+        assert len(left) == min(len(used), max_views)
         if len(used):
             assert {used[0], used[-1]} <= set(left)
 
 
-def test_the_sharpest_view_of_each_stretch_stays_and_no_stretch_goes_without() -> None:
+def test_each_section_keeps_the_view_with_the_smallest_sigma() -> None:
     tracks = make_tracks([102])
     sigma = np.tile([0.01, 0.005], (102, 1))
     sharp = np.arange(4, 102, 10)
@@ -42,6 +42,6 @@ def test_the_sharpest_view_of_each_stretch_stays_and_no_stretch_goes_without() -
     np.testing.assert_array_equal(kept, [0, *sharp, 101])
 
 
-def test_nothing_to_keep_is_nothing_kept() -> None:
+def test_without_candidates_nothing_is_kept() -> None:
     tracks = make_tracks([5])
     assert not cap_observations(tracks, np.zeros(5, dtype=bool), np.ones((5, 2)), 3).any()

@@ -1,10 +1,10 @@
-"""Triangulation against exact geometry, finite differences and a slow, plain grid search."""
+"""Triangulation against exact geometry, finite differences and an exhaustive grid search."""
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asfm.backend.estimation.triangulation import Gate, triangulate_tracks, whitened_residuals
+from asfm.backend.estimation.triangulation import CHUNK_OBSERVATIONS, Gate, triangulate_tracks, whitened_residuals
 from asfm.geometry.poses import invert, make_pose, transform
 from asfm.geometry.sonar import SonarModel, back_project, project, project_jacobian
 from asfm.types import FloatArray, IntArray, Tracks
@@ -15,19 +15,19 @@ SIGMA = np.array([0.01, 0.005])
 
 
 def _poses(rng: np.random.Generator, count: int = 12) -> FloatArray:
-    """6-DoF motion around the origin that keeps points ahead in view and rolls by tens of degrees."""
+    """Make 6-DoF poses near the origin that keep points ahead in view and roll by tens of degrees."""
     angle_rad = rng.uniform([-0.15, -0.04, -0.5], [0.15, 0.04, 0.5], (count, 3))
     return make_pose(rng.uniform(-0.4, 0.4, (count, 3)) * [1, 1, 0.3], Rotation.from_euler("ZYX", angle_rad))
 
 
 def _points(rng: np.random.Generator, count: int) -> FloatArray:
-    """Points ahead of the poses."""
+    """Make points ahead of the poses."""
     spherical = rng.uniform([3, -0.3, -0.03], [8, 0.3, 0.03], (count, 3))
     return back_project(spherical[:, 0], spherical[:, 1], spherical[:, 2])
 
 
 def _observe(world_from_sonar: FloatArray, xyz_m: FloatArray) -> Tracks:
-    """Exact observations of all points by all frames that see them."""
+    """Observe all points exactly by all frames that see them."""
     seen = transform(invert(world_from_sonar), xyz_m[:, None])
     track, frame = np.nonzero(SONAR.sees(seen))
     assert len(np.unique(track)) == len(xyz_m), "every point must be seen"
@@ -36,7 +36,7 @@ def _observe(world_from_sonar: FloatArray, xyz_m: FloatArray) -> Tracks:
 
 
 @pytest.mark.parametrize("scale", [0.1, 1.0, 30.0])
-def test_projection_jacobian_is_the_numerical_one(scale: float) -> None:
+def test_projection_jacobian_agrees_with_finite_differences(scale: float) -> None:
     xyz_m = np.random.default_rng(0).normal(0, scale, (200, 3))
     step = 1e-6 * scale
     numerical = np.empty((200, 3, 3))
@@ -64,7 +64,7 @@ def test_exact_observations_give_exact_points() -> None:
 
 
 def test_points_move_with_the_world() -> None:
-    """A rigid change of the world's frame changes nothing but the frame."""
+    """Points are equivariant under a rigid change of the world frame."""
     rng = np.random.default_rng(2)
     poses, xyz_m = _poses(rng), _points(rng, 60)
     tracks = _observe(poses, xyz_m)
@@ -77,7 +77,7 @@ def test_points_move_with_the_world() -> None:
     np.testing.assert_array_equal(there.inlier, here.inlier)
 
 
-def test_planted_wrong_observations_are_found_and_do_no_harm() -> None:
+def test_planted_outliers_are_found_and_do_not_move_the_points() -> None:
     rng = np.random.default_rng(3)
     poses, xyz_m = _poses(rng, 16), _points(rng, 150)
     exact = _observe(poses, xyz_m)
@@ -87,14 +87,14 @@ def test_planted_wrong_observations_are_found_and_do_no_harm() -> None:
     found = triangulate_tracks(tracks, poses, SONAR, np.tile(SIGMA, (len(tracks), 1)), GATE)
     right = np.bincount(exact.track, ~wrong) >= 6
     assert right.mean() > 0.9
-    judged = right[exact.track]
-    assert found.inlier[judged & wrong].mean() < 0.01
-    assert found.inlier[judged & ~wrong].mean() > 0.99
+    tested = right[exact.track]
+    assert found.inlier[tested & wrong].mean() < 0.01
+    assert found.inlier[tested & ~wrong].mean() > 0.99
     assert np.median(np.linalg.norm(found.xyz_m - xyz_m, axis=1)[right]) < 1e-3
     assert (np.linalg.norm(found.xyz_m - xyz_m, axis=1)[right] < 0.02).mean() > 0.97
 
 
-def _plain_cost(point: FloatArray, tracks: Tracks, rows: IntArray, poses: FloatArray) -> float:
+def _exhaustive_cost(point: FloatArray, tracks: Tracks, rows: IntArray, poses: FloatArray) -> float:
     total = 0.0
     for row in rows.tolist():
         seen = np.linalg.solve(poses[tracks.frame[row]], np.append(point, 1.0))[:3]
@@ -104,10 +104,10 @@ def _plain_cost(point: FloatArray, tracks: Tracks, rows: IntArray, poses: FloatA
     return total
 
 
-def test_no_worse_than_a_plain_grid_search() -> None:
+def test_cost_is_no_higher_than_that_of_an_exhaustive_grid_search() -> None:
     """The truncated cost at the points is at most that of the best of 41 points on every observation's arc.
 
-    One track may settle in another hollow of a cost that is nearly as low; together they must be better.
+    One track may end in another local minimum that is nearly as low; the sum of all must be lower.
     """
     rng = np.random.default_rng(4)
     poses, xyz_m = _poses(rng, 8), _points(rng, 8)
@@ -122,14 +122,14 @@ def test_no_worse_than_a_plain_grid_search() -> None:
             transform(poses[tracks.frame[row]], SONAR.elevation_arc(tracks.range_m[row], tracks.bearing_rad[row], 41))
             for row in rows
         ]
-        bests.append(min(_plain_cost(point, tracks, rows, poses) for arc in arcs for point in arc))
-        costs.append(_plain_cost(found.xyz_m[index], tracks, rows, poses))
+        bests.append(min(_exhaustive_cost(point, tracks, rows, poses) for arc in arcs for point in arc))
+        costs.append(_exhaustive_cost(found.xyz_m[index], tracks, rows, poses))
     assert np.all(np.array(costs) <= np.array(bests) + 3)
     assert np.sum(costs) < np.sum(bests)
 
 
-def test_points_stay_in_the_beam_where_nothing_tells_their_elevation() -> None:
-    """Without motion every elevation fits: the point must lie on the arc all the same."""
+def test_points_stay_in_the_beam_where_elevation_is_unobservable() -> None:
+    """Without motion every elevation fits; the point must still lie on the arc."""
     rng = np.random.default_rng(5)
     poses = np.repeat(np.eye(4)[None], 5, axis=0)
     xyz_m = _points(rng, 30)
@@ -142,12 +142,12 @@ def test_points_stay_in_the_beam_where_nothing_tells_their_elevation() -> None:
     assert found.inlier.all()
 
 
-def test_many_tracks_do_not_influence_each_other() -> None:
-    """More observations than are searched at once; a track alone gives the same point."""
+def test_tracks_are_independent_of_each_other() -> None:
+    """With more observations than one chunk, each track gives the same point as alone."""
     rng = np.random.default_rng(6)
     poses, xyz_m = _poses(rng, 20), _points(rng, 1500)
     tracks = _observe(poses, xyz_m)
-    assert len(tracks) > 20_000
+    assert len(tracks) > CHUNK_OBSERVATIONS
     found = triangulate_tracks(tracks, poses, SONAR, np.tile(SIGMA, (len(tracks), 1)), GATE, elevation_count=5)
     for index in (0, 700, 1499):
         rows = tracks.track == index

@@ -1,4 +1,4 @@
-"""Planar motions: planted ones are found among outliers, chains follow the truth and hold where nothing is shared."""
+"""Planar odometry: planted motions are found among outliers, chains follow the truth and bridge empty frames."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ def _planar(x_m: float, y_m: float, yaw_rad: float) -> FloatArray:
 
 
 def _track_all(world_from_sonar: FloatArray, xy_m: FloatArray, visible: FloatArray) -> Tracks:
-    """Exact observations of points in the plane z = 0; visible is (tracks, frames)."""
+    """Observe points in the plane z = 0 exactly; visible is (tracks, frames)."""
     xyz_m = np.column_stack([xy_m, np.zeros(len(xy_m))])
     track, frame = np.nonzero(visible)
     seen = transform(invert(world_from_sonar)[frame], xyz_m[track])
@@ -29,9 +29,9 @@ def test_planted_motion_is_found_among_half_outliers(seed: int) -> None:
     xy_a = xy_b @ planted[:2, :2].T + planted[:2, 3] + rng.normal(0, 0.005, (60, 2))
     wrong = np.arange(60) < 30
     xy_a[wrong] = rng.uniform([2, -3], [8, 3], (30, 2))
-    motion, agrees = estimate_planar_motion(xy_a, xy_b, np.full(60, 0.05), rng)
-    assert agrees[~wrong].all()
-    assert agrees[wrong].sum() <= 2
+    motion, inlier = estimate_planar_motion(xy_a, xy_b, np.full(60, 0.05), rng)
+    assert inlier[~wrong].all()
+    assert inlier[wrong].sum() <= 2
     np.testing.assert_allclose(motion[:2, :2], planted[:2, :2], atol=0.01)
     np.testing.assert_allclose(motion[:2, 3], planted[:2, 3], atol=0.03)
     np.testing.assert_allclose(motion[2], [0, 0, 1, 0], atol=1e-12)
@@ -44,8 +44,8 @@ def test_motion_agrees_with_scipy_on_all_points() -> None:
     planted = _planar(0.4, -0.3, 0.7)
     xy_b = rng.uniform([2, -3], [8, 3], (40, 2))
     xy_a = xy_b @ planted[:2, :2].T + planted[:2, 3] + rng.normal(0, 0.02, (40, 2))
-    motion, agrees = estimate_planar_motion(xy_a, xy_b, np.full(40, 1.0), rng)
-    assert agrees.all()
+    motion, inlier = estimate_planar_motion(xy_a, xy_b, np.full(40, 1.0), rng)
+    assert inlier.all()
     lifted = [np.column_stack([xy - xy.mean(axis=0), np.zeros(40)]) for xy in (xy_a, xy_b)]
     rotation, _ = Rotation.align_vectors(*lifted)
     np.testing.assert_allclose(motion[:3, :3], rotation.as_matrix(), atol=1e-9)
@@ -68,7 +68,7 @@ def test_chain_follows_a_planar_path_with_a_lever_arm() -> None:
     np.testing.assert_allclose(poses, truth, atol=1e-6)
 
 
-def test_chain_holds_the_pose_where_frames_share_nothing_and_goes_on() -> None:
+def test_chain_keeps_the_pose_where_frames_share_nothing_and_continues() -> None:
     """Frames 0-4 see one set of points, 7-9 another, 5 and 6 none."""
     rng = np.random.default_rng(2)
     truth = np.stack([_planar(0.2 * frame, 0.0, 0.02 * frame) for frame in range(10)])
@@ -83,8 +83,8 @@ def test_chain_holds_the_pose_where_frames_share_nothing_and_goes_on() -> None:
     np.testing.assert_allclose(invert(poses[7]) @ poses[7:], invert(truth[7]) @ truth[7:], atol=1e-6)
 
 
-def test_chain_prefers_frames_that_were_not_held() -> None:
-    """Frame 3 shares points only with those after it: frame 4 must be placed by frame 2, not by the held 3."""
+def test_chain_prefers_supported_frames() -> None:
+    """Frame 3 shares points only with those after it: frame 4 must follow from frame 2, not from the unsupported 3."""
     rng = np.random.default_rng(5)
     truth = np.stack([_planar(0.2 * frame, 0.0, 0.02 * frame) for frame in range(6)])
     visible = np.zeros((30, 6))
@@ -108,7 +108,7 @@ def test_chain_bridges_one_empty_frame() -> None:
 
 
 @pytest.mark.parametrize("frame_count", [1, 4])
-def test_chain_without_tracks_stays_where_it_starts(frame_count: int) -> None:
+def test_chain_without_tracks_stays_at_the_first_pose(frame_count: int) -> None:
     first = _planar(1.0, 2.0, 0.5)
     nothing = Tracks(np.zeros(0, int), np.zeros(0, int), np.zeros(0), np.zeros(0))
     poses, supported = planar_odometry(nothing, frame_count, first, np.eye(4), np.random.default_rng(0))
@@ -116,7 +116,7 @@ def test_chain_without_tracks_stays_where_it_starts(frame_count: int) -> None:
     assert supported.tolist() == [True] + [False] * (frame_count - 1)
 
 
-def test_same_generator_same_bytes() -> None:
+def test_same_seed_gives_the_same_bytes() -> None:
     rng = np.random.default_rng(4)
     xy_b = rng.uniform([2, -3], [8, 3], (30, 2))
     xy_a = rng.uniform([2, -3], [8, 3], (30, 2))
