@@ -40,7 +40,7 @@ class SensorConstraints:
     """What is wrong with the readings."""
 
     def known_steps(self, noise: SensorNoise) -> BoolArray:
-        """Return which (N - 1,) steps odometry measured about as well as its stated noise; none for a motion prior."""
+        """Return which steps odometry measured about as well as its stated noise, shape (N - 1,); none for a prior."""
         if not self.measured:
             return np.zeros(len(self.step_sigma), dtype=bool)
         stated = np.array([noise.odometry_rotation_rad, noise.odometry_translation_m])

@@ -54,7 +54,7 @@ class _LoopFrames:
     config: Config
 
     def load(self, index: int) -> FloatArray:
-        """Return the place descriptor of a frame, and cut the patches of its keypoints."""
+        """Return the place descriptor of a frame, (rings, sectors), and cut the patches of its keypoints."""
         if index not in self.descriptors:
             frame = self.sequence.read_frame(index)
             self.descriptors[index] = describe_place(frame, self.sequence.sonar)

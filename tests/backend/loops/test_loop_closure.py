@@ -60,8 +60,8 @@ def test_correlation_counts_only_between_observations_of_one_track() -> None:
     trip = make_round_trip(0)
     first = np.unique(trip.again.track, return_index=True)[1]
     assert len(first) < len(trip.again)
-    fields = (trip.again.track, trip.again.frame, trip.again.range_m, trip.again.bearing_rad)
-    single = Tracks(*(field[first] for field in fields))
+    again = trip.again
+    single = Tracks(again.track[first], again.frame[first], again.range_m[first], again.bearing_rad[first])
     for observations, same in ((single, True), (trip.again, False)):
         independent, correlated = (
             close_loops(trip.solution.bundle, observations, SIGMA, np.eye(4), rho) for rho in (0.0, 1.0)
