@@ -22,7 +22,7 @@ FilterResult = tuple[BoolArray, FloatArray]
 PairFilter = Callable[[Sequence[FramePair], Config], list[FilterResult]]
 
 
-def filter_mutual(pairs: Sequence[FramePair], config: Config) -> list[FilterResult]:
+def filter_mutual(pairs: Sequence[FramePair], _config: Config) -> list[FilterResult]:
     """Pass matches that are each other's nearest neighbour."""
     return [_at_no_cost(pair.nearest.mutual) for pair in pairs]
 

@@ -1,4 +1,4 @@
-"""Distance of a match from its elevation arc, against a search over very many elevations."""
+"""Elevation arcs: distances of matches from them against a dense search, projection, bounding boxes."""
 
 import numpy as np
 import pytest
@@ -9,9 +9,10 @@ from scipy.spatial.transform import Rotation
 from asfm.evaluation.arc_consistency import Tolerance, find_arc_inliers
 from asfm.geometry.elevation_arcs import arc_box_candidates, arc_residuals, project_arcs
 from asfm.geometry.poses import make_pose, transform
-from asfm.geometry.sonar import SonarModel, back_project, project
+from asfm.geometry.sonar import SonarModel, back_project
 from asfm.navigation.pose_prediction import PosePrediction
 from asfm.types import FloatArray
+from tests.worlds import range_bearing
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.6, 0.6), (300, 128), 0.4)
 SIGMA = np.array([0.03, 0.01])
@@ -19,40 +20,35 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 
 def small_motions(rng: np.random.Generator, count: int) -> FloatArray:
-    """Steps as between frames of a survey: the scene stays in front."""
+    """Draw relative poses (count, 4, 4) as between frames of a survey: the scene stays in front."""
     return make_pose(
         rng.normal(scale=0.2, size=(count, 3)), Rotation.from_rotvec(rng.normal(scale=0.1, size=(count, 3)))
     )
 
 
-def pixels(xyz_m: FloatArray) -> FloatArray:
-    range_m, bearing_rad, _ = project(xyz_m)
-    return np.stack([range_m, bearing_rad], axis=-1)
-
-
 def scene(
     rng: np.random.Generator, count: int, elevation_rad: float = 0.2
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """b_from_a, and the pixels in a and b of points at random elevations within +-elevation_rad."""
+    """Return b_from_a, and the pixels in a and b of points at random elevations within +-elevation_rad."""
     b_from_a = small_motions(rng, count)
     elevations_rad = rng.uniform(-elevation_rad, elevation_rad, count)
     xyz_m = back_project(rng.uniform(2, 10, count), rng.uniform(-0.6, 0.6, count), elevations_rad)
-    return b_from_a, pixels(xyz_m), pixels(transform(b_from_a, xyz_m))
+    return b_from_a, range_bearing(xyz_m), range_bearing(transform(b_from_a, xyz_m))
 
 
 def search_densely(b_from_a: FloatArray, pixel_a: FloatArray, pixel_b: FloatArray, sigma: FloatArray) -> FloatArray:
-    """Smallest whitened distance over 20001 elevations, one match at a time."""
+    """Return the smallest whitened distances over 20001 elevations, one match at a time."""
     elevation_rad = np.linspace(-0.2, 0.2, 20001)
     found = []
     for pose, a, b, sigmas in zip(b_from_a, pixel_a, pixel_b, np.broadcast_to(sigma, pixel_a.shape), strict=True):
-        seen = pixels(transform(pose, back_project(a[0], a[1], elevation_rad)))
-        found.append(np.hypot(*((seen - b) / sigmas).T).min())
+        arc = range_bearing(transform(pose, back_project(a[0], a[1], elevation_rad)))
+        found.append(np.hypot(*((arc - b) / sigmas).T).min())
     return np.array(found)
 
 
 @settings(max_examples=25, deadline=None)
 @given(SEEDS)
-def test_residuals_agree_with_a_dense_search(seed: int) -> None:
+def test_residuals_equal_a_dense_search(seed: int) -> None:
     rng = np.random.default_rng(seed)
     b_from_a, pixel_a, pixel_b = scene(rng, 20, 0.25)
     pixel_b = pixel_b + rng.normal(scale=3.0, size=(20, 2)) * SIGMA
@@ -61,7 +57,7 @@ def test_residuals_agree_with_a_dense_search(seed: int) -> None:
     np.testing.assert_allclose(residual, search_densely(b_from_a, pixel_a, pixel_b, SIGMA), atol=0.02)
 
 
-def test_each_match_may_have_its_own_sigmas() -> None:
+def test_residuals_use_the_sigmas_of_each_match() -> None:
     rng = np.random.default_rng(1)
     b_from_a, pixel_a, pixel_b = scene(rng, 30)
     sigma = SIGMA * rng.uniform(0.5, 2.0, (30, 2))
@@ -84,8 +80,8 @@ def test_points_inside_the_aperture_lie_on_their_arcs(seed: int) -> None:
 
 @settings(max_examples=25, deadline=None)
 @given(SEEDS)
-def test_judgement_agrees_with_the_evaluation_s(seed: int) -> None:
-    """The evaluation asks for both errors within tolerance at one elevation: the square around our unit circle."""
+def test_residuals_agree_with_the_test_of_the_evaluation(seed: int) -> None:
+    """The evaluation tests both errors at one elevation: a square, which circumscribes the circle of one sigma."""
     rng = np.random.default_rng(seed)
     b_from_a, pixel_a, pixel_b = scene(rng, 50)
     pixel_b = pixel_b + rng.normal(scale=1.5, size=(50, 2)) * SIGMA
@@ -95,8 +91,8 @@ def test_judgement_agrees_with_the_evaluation_s(seed: int) -> None:
     assert not fits[residual > 1.02 * np.sqrt(2)].any()
 
 
-def test_residual_counts_sigmas() -> None:
-    """Without motion the arc is one pixel, and the residual is the plain distance from it."""
+def test_residuals_without_motion_are_whitened_pixel_distances() -> None:
+    """Without motion the arc projects to one pixel."""
     still = np.eye(4)[None].repeat(3, axis=0)
     pixel_a = np.array([[5.0, 0.1], [5.0, 0.1], [5.0, 0.1]])
     pixel_b = pixel_a + np.array([[2.0, 0.0], [0.0, -3.0], [3.0, 4.0]]) * SIGMA
@@ -104,21 +100,21 @@ def test_residual_counts_sigmas() -> None:
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_a_mirrored_bearing_axis_is_caught(side: float) -> None:
-    """The scene lies to one side and the sonar moves and turns to another: mirrored bearings cannot fit."""
+def test_a_mirrored_bearing_axis_gives_large_residuals(side: float) -> None:
+    """The scene is on one side and the sonar moves and turns sideways: mirrored bearings do not fit."""
     rng = np.random.default_rng(2)
     b_from_a = make_pose(np.tile([0.1, 0.3, 0.0], (40, 1)), Rotation.from_rotvec(np.tile([0.0, 0.0, 0.15], (40, 1))))
     xyz_m = back_project(rng.uniform(3, 8, 40), side * rng.uniform(0.2, 0.5, 40), rng.uniform(-0.2, 0.2, 40))
-    pixel_a, pixel_b = pixels(xyz_m), pixels(transform(b_from_a, xyz_m))
+    pixel_a, pixel_b = range_bearing(xyz_m), range_bearing(transform(b_from_a, xyz_m))
     mirror = np.array([1.0, -1.0])
     assert arc_residuals(SONAR, b_from_a, pixel_a, pixel_b, SIGMA).max() < 0.02
     assert arc_residuals(SONAR, b_from_a, pixel_a * mirror, pixel_b * mirror, SIGMA).min() > 5
 
 
-def test_points_outside_the_aperture_are_off_the_arc() -> None:
+def test_points_outside_the_aperture_have_large_residuals() -> None:
     heave = make_pose(np.array([[0.0, 0.0, -1.0]]), Rotation.identity(1))
     above = back_project(np.array([4.0]), np.array([0.1]), np.array([0.5]))
-    pixel_a, pixel_b = pixels(above), pixels(transform(heave, above))
+    pixel_a, pixel_b = range_bearing(above), range_bearing(transform(heave, above))
     assert arc_residuals(SONAR, heave, pixel_a, pixel_b, SIGMA)[0] > 5
 
 
@@ -128,21 +124,21 @@ def test_no_matches_have_no_residuals() -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_whoever_is_near_the_arc_is_near_its_box(seed: int) -> None:
-    """The quick test may let too many pass, and never loses one that the exact gate keeps."""
+def test_bounding_boxes_keep_all_pixels_near_the_arcs(seed: int) -> None:
+    """The box test may keep too many pixels, but keeps every one that the exact gate keeps."""
     rng = np.random.default_rng(seed)
     b_from_a = small_motions(rng, 1)
     _, pixel_a, _ = scene(rng, 40)
     _, pixel_b, _ = scene(rng, 50)
-    reach = np.tile(3 * SIGMA, (40, 1))
-    near = arc_box_candidates(project_arcs(SONAR, b_from_a[0], pixel_a), pixel_b, reach)
+    margin = np.tile(3 * SIGMA, (40, 1))
+    near = arc_box_candidates(project_arcs(SONAR, b_from_a[0], pixel_a), pixel_b, margin)
     a, b = (index.ravel() for index in np.indices((40, 50)))
     residual = arc_residuals(SONAR, b_from_a.repeat(2000, 0), pixel_a[a], pixel_b[b], SIGMA)
     assert near.ravel()[residual < 2.9].all()
     assert 0 < near.mean() < 0.2
 
 
-def test_a_prediction_is_less_sure_over_larger_gaps_and_at_short_range() -> None:
+def test_predicted_sigma_grows_with_the_gap_and_at_short_range() -> None:
     poses = make_pose(np.zeros((9, 3)), Rotation.identity(9))
     predicted = PosePrediction(poses, step_rotation_rad=0.01, step_translation_m=0.03)
     range_m = np.array([1.0, 6.0])
@@ -153,8 +149,8 @@ def test_a_prediction_is_less_sure_over_larger_gaps_and_at_short_range() -> None
     assert one[0, 1] > one[1, 1] > SIGMA[1]
 
 
-def test_points_drift_as_far_as_the_prediction_says() -> None:
-    """Random errors of the steps move points by the stated sigmas, elevation near zero."""
+def test_predicted_sigma_equals_the_spread_under_sampled_step_errors() -> None:
+    """For a point at elevation zero."""
     rng = np.random.default_rng(5)
     turns = Rotation.from_rotvec(rng.normal(0, 0.01, (16000, 3)))
     steps = make_pose(rng.normal(0, 0.03, (16000, 3)), turns).reshape(4000, 4, 4, 4)
@@ -164,17 +160,17 @@ def test_points_drift_as_far_as_the_prediction_says() -> None:
         moved = transform(steps[:, step], moved)
     predicted = PosePrediction(np.eye(4)[None].repeat(5, 0), 0.01, 0.03)
     stated = predicted.predicted_sigma(0, 4, np.array([4.0]), np.zeros(2))[0]
-    np.testing.assert_allclose((pixels(moved) - [4.0, 0.3]).std(axis=0), stated, rtol=0.05)
+    np.testing.assert_allclose((range_bearing(moved) - [4.0, 0.3]).std(axis=0), stated, rtol=0.05)
 
 
 @pytest.mark.parametrize("turn_rad", [0.1, np.pi])
-def test_arcs_are_seen_where_their_points_are(turn_rad: float) -> None:
-    """Turned about, the scene lies behind the sonar, where bearings jump; those of one arc do not."""
+def test_projected_arcs_equal_the_projection_of_their_points(turn_rad: float) -> None:
+    """After half a turn the scene is behind the sonar, where bearings wrap; those of one arc must not jump."""
     rng = np.random.default_rng(6)
     pixel_a = np.stack([rng.uniform(1, 9, 30), rng.uniform(-0.6, 0.6, 30)], axis=1)
     b_from_a = make_pose(np.array([0.3, -0.2, 0.1]), Rotation.from_euler("zy", [turn_rad, 0.1]))
-    seen = project_arcs(SONAR, b_from_a, pixel_a, 9)
-    expected = pixels(transform(b_from_a, SONAR.elevation_arc(pixel_a[:, 0], pixel_a[:, 1], 9)))
-    np.testing.assert_allclose(seen[..., 0], expected[..., 0])
-    np.testing.assert_allclose(np.exp(1j * seen[..., 1]), np.exp(1j * expected[..., 1]), atol=1e-12)
-    assert np.abs(np.diff(seen[..., 1], axis=1)).max() < 1
+    arcs = project_arcs(SONAR, b_from_a, pixel_a, 9)
+    expected = range_bearing(transform(b_from_a, SONAR.elevation_arc(pixel_a[:, 0], pixel_a[:, 1], 9)))
+    np.testing.assert_allclose(arcs[..., 0], expected[..., 0])
+    np.testing.assert_allclose(np.exp(1j * arcs[..., 1]), np.exp(1j * expected[..., 1]), atol=1e-12)
+    assert np.abs(np.diff(arcs[..., 1], axis=1)).max() < 1

@@ -1,4 +1,4 @@
-"""Contexts: what they do not change with, and what tells two places apart."""
+"""Place descriptors: invariance to gain, speckle, yaw and forward motion, and difference between places."""
 
 import numpy as np
 import pytest
@@ -11,8 +11,8 @@ SHAPE = (400, 256)
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.6, 0.6), SHAPE, 0.3)
 
 
-def draw(seed: int, shift: tuple[int, int] = (0, 0), gain: float = 1.0, noise_seed: int = 0) -> Frame:
-    """Echoes of a place under speckle; the place goes on beyond the image, and may be shifted by rows and columns."""
+def make_frame(seed: int, shift: tuple[int, int] = (0, 0), gain: float = 1.0, noise_seed: int = 0) -> Frame:
+    """Make an image of a place under speckle; the place extends beyond the image and is shifted by rows and columns."""
     rng = np.random.default_rng(seed)
     place = np.full((3 * SHAPE[0], 3 * SHAPE[1]), 0.1)
     for row, column, size in rng.integers([0, 0, 8], [1200, 768, 40], (150, 3)).tolist():
@@ -23,57 +23,58 @@ def draw(seed: int, shift: tuple[int, int] = (0, 0), gain: float = 1.0, noise_se
     return Frame(0, 0.0, (gain * image * speckle / 4).astype(np.float32), np.zeros(SHAPE, dtype=bool))
 
 
-def likeness(a: Frame, b: Frame) -> float:
+def similarity(a: Frame, b: Frame) -> float:
     return place_similarity(describe_place(a, SONAR), describe_place(b, SONAR))
 
 
-def test_a_frame_is_like_itself() -> None:
-    descriptor = describe_place(draw(1), SONAR)
+def test_a_frame_has_similarity_one_with_itself() -> None:
+    descriptor = describe_place(make_frame(1), SONAR)
     assert descriptor.shape == (RINGS, SECTORS)
     assert place_similarity(descriptor, descriptor) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("gain", [0.01, 0.2, 3.0])
-def test_gain_and_speckle_do_not_matter(gain: float) -> None:
-    assert likeness(draw(1), draw(1, gain=gain, noise_seed=5)) > 0.9
+def test_similarity_is_invariant_to_gain_and_speckle(gain: float) -> None:
+    assert similarity(make_frame(1), make_frame(1, gain=gain, noise_seed=5)) > 0.9
 
 
 @pytest.mark.parametrize("shift", [(0, 60), (0, -100), (60, 0), (-80, 40)])
-def test_turns_and_steps_ahead_are_shifts(shift: tuple[int, int]) -> None:
-    assert likeness(draw(1), draw(1, shift, noise_seed=3)) > 0.75
+def test_similarity_is_high_after_yaw_and_forward_motion(shift: tuple[int, int]) -> None:
+    assert similarity(make_frame(1), make_frame(1, shift, noise_seed=3)) > 0.75
 
 
-def test_other_places_are_less_alike() -> None:
-    """Every other place is less like the first than the first is like itself, turned and stepped ahead."""
-    others = [likeness(draw(1), draw(seed)) for seed in range(2, 22)]
+def test_other_places_are_less_similar() -> None:
+    """Any other place is less similar to a frame than the same place after yaw and forward motion."""
+    others = [similarity(make_frame(1), make_frame(seed)) for seed in range(2, 22)]
     assert max(others) < 0.65
-    assert max(others) < likeness(draw(1), draw(1, (60, 60), noise_seed=3))
+    assert max(others) < similarity(make_frame(1), make_frame(1, (60, 60), noise_seed=3))
 
 
-def test_it_does_not_matter_who_comes_first() -> None:
-    assert likeness(draw(1), draw(2)) == pytest.approx(likeness(draw(2), draw(1)), abs=1e-9)
+def test_similarity_is_symmetric() -> None:
+    assert similarity(make_frame(1), make_frame(2)) == pytest.approx(similarity(make_frame(2), make_frame(1)), abs=1e-9)
 
 
-def test_nothing_is_like_nothing() -> None:
+def test_uniform_images_have_similarity_zero() -> None:
     dark = Frame(0, 0.0, np.zeros(SHAPE, dtype=np.float32), np.zeros(SHAPE, dtype=bool))
-    blind = Frame(0, 0.0, np.ones(SHAPE, dtype=np.float32), np.ones(SHAPE, dtype=bool))
-    for frame in (dark, blind):
-        assert likeness(frame, draw(1)) == 0.0
-        assert likeness(frame, frame) == 0.0
+    bright = Frame(0, 0.0, np.ones(SHAPE, dtype=np.float32), np.ones(SHAPE, dtype=bool))
+    for frame in (dark, bright):
+        assert similarity(frame, make_frame(1)) == 0.0
+        assert similarity(frame, frame) == 0.0
 
 
-def test_what_holds_no_data_is_not_compared() -> None:
-    """An overlay over a fifth of the beams of one frame: the rest still tells."""
-    frame = draw(1, noise_seed=4)
+def test_invalid_pixels_are_ignored() -> None:
+    """An overlay covers a fifth of the beams of one frame; marked as invalid it hardly changes the similarity."""
+    frame = make_frame(1, noise_seed=4)
     invalid = frame.invalid.copy()
     invalid[:, :50] = True
     image: FloatArray = np.where(invalid, 1.0, frame.image)
     covered = Frame(0, 0.0, image.astype(np.float32), invalid)
-    assert likeness(draw(1), covered) > 0.85
-    assert likeness(draw(1), Frame(0, 0.0, image.astype(np.float32), frame.invalid)) < likeness(draw(1), covered)
+    unmarked = Frame(0, 0.0, image.astype(np.float32), frame.invalid)
+    assert similarity(make_frame(1), covered) > 0.85
+    assert similarity(make_frame(1), unmarked) < similarity(make_frame(1), covered)
 
 
-def test_a_small_image_has_a_context() -> None:
+def test_a_small_image_has_a_descriptor() -> None:
     shape = (12, 8)
     sonar = SonarModel.evenly_spaced("tiny", (0.5, 10.0), (-0.6, 0.6), shape, 0.3)
     image = np.random.default_rng(0).random(shape).astype(np.float32)

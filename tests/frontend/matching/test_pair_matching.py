@@ -108,12 +108,12 @@ B_FROM_A = make_pose(np.array([0.1, -0.2, 0.0]), Rotation.from_euler("z", 0.1))
 """Frame b's sonar is the world frame, so that frame a's pose is the relative one."""
 
 
-def two_views(seed: int, alike: int) -> list[Keypoints]:
-    """Observe points of a scene in two frames; groups of ``alike`` points have the same descriptor and patch."""
+def two_views(seed: int, group_size: int) -> list[Keypoints]:
+    """Observe points of a scene in two frames; groups of ``group_size`` points have the same descriptor and patch."""
     rng = np.random.default_rng(seed)
     points = random_points(rng, COUNT, (2, 8), 0.5, 0.09)
-    descriptors = rng.integers(0, 256, (COUNT, 61), dtype=np.uint8)[np.arange(COUNT) // alike]
-    patches = rng.random((COUNT, WIDTH, WIDTH)).astype(np.float32)[np.arange(COUNT) // alike]
+    descriptors = rng.integers(0, 256, (COUNT, 61), dtype=np.uint8)[np.arange(COUNT) // group_size]
+    patches = rng.random((COUNT, WIDTH, WIDTH)).astype(np.float32)[np.arange(COUNT) // group_size]
     found = []
     for xyz_m in (points, transform(B_FROM_A, points)):
         noisy = descriptors ^ np.packbits(rng.random((COUNT, 488)) < 0.03, axis=1)
@@ -130,7 +130,7 @@ def count_correct(matches: Matches) -> int:
 
 
 def test_guided_matching_resolves_points_of_equal_appearance() -> None:
-    keypoints = two_views(1, alike=3)
+    keypoints = two_views(1, group_size=3)
     unguided = match_frames(0, 1, keypoints, Config())
     guided = match_frames(0, 1, keypoints, GUIDED, predict(B_FROM_A))
     assert count_correct(guided) > 0.85 * COUNT > 0.5 * COUNT > count_correct(unguided)
@@ -138,7 +138,7 @@ def test_guided_matching_resolves_points_of_equal_appearance() -> None:
 
 
 def test_a_prediction_contradicted_by_the_images_is_ignored() -> None:
-    keypoints = two_views(2, alike=1)
+    keypoints = two_views(2, group_size=1)
     elsewhere = make_pose(np.array([1.5, 1.0, 0.0]), Rotation.from_euler("z", -0.5))
     for config in (Config(), GUIDED):
         found = match_frames(0, 1, keypoints, config, predict(elsewhere))
@@ -146,7 +146,7 @@ def test_a_prediction_contradicted_by_the_images_is_ignored() -> None:
 
 
 def test_unguided_matching_loses_points_of_equal_appearance() -> None:
-    keypoints = two_views(1, alike=3)
+    keypoints = two_views(1, group_size=3)
     unguided = match_frames(0, 1, keypoints, Config(), predict(B_FROM_A))
     assert count_correct(unguided) < 0.5 * COUNT
 
