@@ -36,7 +36,7 @@ def _make_line_printer() -> Callable[[str, int, int], None]:
     """Return a progress function that prints one line when a stage begins."""
     announced: set[str] = set()
 
-    def announce(stage: str, done: int, total: int) -> None:
+    def announce(stage: str, done: int, total: int) -> None:  # noqa: ARG001 - the signature of Progress
         if stage not in announced:
             announced.add(stage)
             typer.echo(f"{stage}: {total} steps", err=True)

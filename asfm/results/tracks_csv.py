@@ -16,8 +16,8 @@ COLUMNS = ("track", "frame", "range_m", "bearing_rad", *SIGMA_COLUMNS, "used", "
 def write_tracks(path: Path, tracks: Tracks, observed: BoolArray, landmark_track: IntArray) -> None:
     """Write one CSV row per observation; numbers read back exactly, ``used`` is 1 or 0.
 
-    ``keypoint`` is the index of the keypoint in features.h5, ``landmark`` the row of the landmark in points.ply. Cells are
-    empty where there is no sigma, keypoint or landmark.
+    ``keypoint`` is the index of the keypoint in features.h5, ``landmark`` the row of the landmark in points.ply. Cells
+    are empty where there is no sigma, keypoint or landmark.
 
     Args:
         path: of the table.

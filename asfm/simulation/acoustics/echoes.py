@@ -46,7 +46,7 @@ class Echoes:
 
     @property
     def elevation_rad(self) -> ImageArray:
-        """(E,)"""
+        """(E,) elevations in radians."""
         elevation_rad = _append(self.fan.elevation_rad, self.part_ray)
         elevation_rad[len(self.fan.column) :] += self.part_place * np.float32(self.fan.elevation_step_rad)
         return elevation_rad

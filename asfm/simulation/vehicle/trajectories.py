@@ -139,7 +139,7 @@ def planar(view: View, times_s: FloatArray, rng: np.random.Generator) -> FloatAr
     return look_at(view, _slide(view, swing[:, 0] + ahead_m, swing[:, 1]), view.heading_rad + yaw_rad)
 
 
-def static(view: View, times_s: FloatArray, rng: np.random.Generator) -> FloatArray:
+def static(view: View, times_s: FloatArray, rng: np.random.Generator) -> FloatArray:  # noqa: ARG001 - a motion's signature
     """Stand still: nothing can be triangulated."""
     still = np.zeros(len(times_s))
     return look_at(view, _slide(view, still, still), view.heading_rad)
