@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from asfm.simulation.acoustics.receiver import add_noise
+from asfm.simulation.acoustics.noise import add_noise
 from asfm.simulation.sonars.parameters import make_sonar_model
 from asfm.simulation.sonars.presets import PRESETS
 from asfm.types import FloatArray

@@ -11,7 +11,8 @@ from scipy import stats
 
 from asfm.datasets.aris.lenses import beam_centres_rad
 from asfm.simulation.acoustics.correlated_fields import make_field_bank
-from asfm.simulation.acoustics.receiver import add_noise, make_point_spread
+from asfm.simulation.acoustics.noise import add_noise
+from asfm.simulation.acoustics.receiver import make_point_spread
 from asfm.simulation.simulate import simulate
 from asfm.simulation.sonars.parameters import make_sonar_model
 from asfm.simulation.sonars.presets import PRESETS

@@ -6,7 +6,13 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from asfm.geometry.poses import invert, make_pose
-from asfm.simulation.vehicle.sensors import SlowDrift, measure_tilt, simulate_navigation, simulate_odometry, wander
+from asfm.simulation.vehicle.sensors import (
+    SlowDrift,
+    draw_gauss_markov,
+    measure_tilt,
+    simulate_navigation,
+    simulate_odometry,
+)
 from asfm.types import SensorNoise, Trajectory
 
 NOISE = SensorNoise(0.02, 0.005, 0.01, 0.004, 0.003)
@@ -85,5 +91,7 @@ def test_slow_drift_stays_from_step_to_step_and_white_noise_does_not() -> None:
 
 
 def test_wander_is_steady_from_the_first_value() -> None:
-    values = np.stack([wander(np.full(8, 0.2), 3.0, 6, np.random.default_rng(i))[[0, -1]] for i in range(400)])
+    values = np.stack(
+        [draw_gauss_markov(np.full(8, 0.2), 3.0, 6, np.random.default_rng(i))[[0, -1]] for i in range(400)]
+    )
     assert values.std(axis=(0, 2)) == pytest.approx([1.0, 1.0], abs=0.06)
