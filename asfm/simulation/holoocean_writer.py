@@ -1,4 +1,4 @@
-"""Write a simulated sequence as HoloOcean and NeuSIS lay theirs out: one pickle a ping, and Config.json."""
+"""Writer of simulated sequences in the layout of HoloOcean and NeuSIS: Config.json and one pickle per ping."""
 
 import json
 import pickle
@@ -16,8 +16,7 @@ from asfm.simulation.sonars.parameters import ImagingSonar
 
 PROTOCOL = 4
 MOUNT = {"socket": "SonarSocket"}
-"""Pose sensor and sonar share socket and rotation: the poses are the sonar's own."""
-
+"""Pose sensor and sonar have the same socket and rotation: the poses are those of the sonar."""
 
 PICKLES = FolderKind(
     name="pickles", marks=("Config.json", "Data/0.pkl"), patterns=("Config.json", "Data", "Data/*[0-9].pkl")
@@ -30,23 +29,23 @@ def write_pickles(
     overwrite: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Write Config.json and Data/<i>.pkl with the keys ImagingSonar, PoseSensor and t; whole, or not at all.
+    """Write Config.json and Data/<i>.pkl with the keys ImagingSonar, PoseSensor and t; atomically.
 
-    An image is float32 (RangeBins, AzimuthBins), column 0 starboard; a pose is (4, 4) world_from_sonar, the truth.
+    An image is float32 (RangeBins, AzimuthBins), column 0 starboard; a pose is the true (4, 4) world_from_sonar.
 
     Args:
-        folder: where it goes.
-        simulated: its frames are rendered one by one in order.
-        overwrite: replace such a folder that is there.
-        progress: called with (frames written, frames in all) after each frame.
+        folder: the folder to create.
+        simulated: the sequence; its frames are rendered one by one in order.
+        overwrite: replace an existing folder of this layout.
+        progress: called with (frames written, number of frames) after each frame.
 
     Raises:
-        AsfmError: the place is taken, the disk refuses, or the beams are uneven, which the layout cannot say.
+        AsfmError: the folder exists or cannot be written, or the beams are uneven, which the layout cannot express.
     """
     if simulated.sonar.bearings_deg is not None and not _is_even(simulated.sonar.bearings_deg):
         raise AsfmError(
-            f"{simulated.sonar.name} has uneven beams, which HoloOcean's layout cannot say: write the native format, "
-            "or simulate the preset holoocean"
+            f"{simulated.sonar.name} has uneven beams, which HoloOcean's layout cannot express: write the native format"
+            " or simulate the preset holoocean"
         )
     with atomic_folder(folder, PICKLES, overwrite) as partial:
         text = json.dumps(describe_scenario(simulated.sonar, simulated.scene.name), indent=2)
@@ -56,6 +55,7 @@ def write_pickles(
 
 
 def _write_states(folder: Path, simulated: SimulatedSequence, progress: Callable[[int, int], None] | None) -> None:
+    """Render the frames and write one pickle per frame."""
     sequence = simulated.sequence
     assert sequence.groundtruth is not None
     poses = sequence.groundtruth.world_from_vehicle @ sequence.vehicle_from_sonar
@@ -67,9 +67,9 @@ def _write_states(folder: Path, simulated: SimulatedSequence, progress: Callable
 
 
 def describe_scenario(sonar: ImagingSonar, world: str) -> dict[str, Any]:
-    """Describe a sonar as a HoloOcean scenario.
+    """Return the HoloOcean scenario of a sonar, with the keys of its JSON file.
 
-    :func:`asfm.simulation.sonars.holoocean_scenario.read_mounted_sonar` reads it back.
+    :func:`asfm.simulation.sonars.holoocean_scenario.read_mounted_sonar` is the inverse.
     """
     configuration = {
         "RangeBins": sonar.range_bins,
@@ -94,5 +94,6 @@ def describe_scenario(sonar: ImagingSonar, world: str) -> dict[str, Any]:
 
 
 def _is_even(bearings_deg: tuple[float, ...]) -> bool:
+    """Return whether beams are evenly spaced, to 1 %."""
     steps = np.diff(bearings_deg)
     return bool(np.ptp(steps) <= 0.01 * steps.mean())

@@ -7,11 +7,10 @@ import pytest
 
 from asfm.config import Config
 from asfm.evaluation.trajectory import align_se3
-from asfm.geometry.poses import invert
+from asfm.geometry.poses import chain_steps, invert
 from asfm.pipeline.reconstruction import reconstruct
 from asfm.sequence import Sequence
 from asfm.simulation.simulate import simulate
-from asfm.simulation.vehicle.sensors import chain_steps
 from asfm.types import FloatArray, Reconstruction
 
 FRAMES = 20

@@ -15,7 +15,7 @@ from asfm.evaluation.covariance_consistency import (
 )
 from asfm.geometry.poses import invert, transform
 from asfm.geometry.sonar import project
-from asfm.simulation.track_simulation import Floor, make_floor
+from asfm.simulation.track_simulation import TrackSimulation, simulate_tracks
 from asfm.types import FloatArray, FrameTruth, Landmarks, Trajectory
 
 SIGMA = np.array([0.01, 0.03, 0.02, 0.3, 0.1, 0.05])
@@ -67,16 +67,16 @@ def test_without_usable_covariances_there_is_no_nees() -> None:
 
 
 @pytest.fixture(scope="module")
-def floor() -> Floor:
-    return make_floor(12, 20, (6, 12), "sway", 1.0, navigation=True)
+def floor() -> TrackSimulation:
+    return simulate_tracks(12, 20, (6, 12), "sway", 1.0, navigation=True)
 
 
-def true_poses(floor: Floor) -> FloatArray:
+def true_poses(floor: TrackSimulation) -> FloatArray:
     assert floor.sequence.groundtruth is not None
     return floor.sequence.groundtruth.world_from_vehicle
 
 
-def truth_reader(floor: Floor) -> Callable[[int], FrameTruth]:
+def truth_reader(floor: TrackSimulation) -> Callable[[int], FrameTruth]:
     """Return a reader of frames in which only the points echo, each from the pixel in which it was observed."""
     sonar, tracks = floor.sequence.sonar, floor.tracks
     sonar_from_world = invert(true_poses(floor))
@@ -92,7 +92,7 @@ def truth_reader(floor: Floor) -> Callable[[int], FrameTruth]:
     return read_truth
 
 
-def displaced_landmarks(floor: Floor) -> Landmarks:
+def displaced_landmarks(floor: TrackSimulation) -> Landmarks:
     """Make landmarks 2 cm above their points, every fourth 50 cm; every second one counts as well constrained."""
     every = np.arange(floor.tracks.count)
     return Landmarks(
@@ -106,7 +106,7 @@ def displaced_landmarks(floor: Floor) -> Landmarks:
     )
 
 
-def test_landmark_errors_are_the_displacements(floor: Floor) -> None:
+def test_landmark_errors_are_the_displacements(floor: TrackSimulation) -> None:
     landmarks, read_truth = displaced_landmarks(floor), truth_reader(floor)
     count = floor.tracks.count
     found = measure_landmarks(landmarks, floor.tracks, floor.sequence, read_truth)
@@ -124,7 +124,7 @@ def test_landmark_errors_are_the_displacements(floor: Floor) -> None:
     assert pooled.within_3_sigma == found.within_3_sigma
 
 
-def test_landmarks_in_a_world_of_their_own_are_aligned(floor: Floor) -> None:
+def test_landmarks_in_a_world_of_their_own_are_aligned(floor: TrackSimulation) -> None:
     landmarks, read_truth, poses = displaced_landmarks(floor), truth_reader(floor), true_poses(floor)
     expected = measure_landmarks(landmarks, floor.tracks, floor.sequence, read_truth)
     moved = replace(landmarks, xyz_m=transform(invert(poses[0]), landmarks.xyz_m))
@@ -133,7 +133,7 @@ def test_landmarks_in_a_world_of_their_own_are_aligned(floor: Floor) -> None:
     assert measure_landmarks(moved, floor.tracks, floor.sequence, read_truth).within_3_sigma == 0
 
 
-def test_rows_of_a_simulation_in_its_own_world_and_in_the_true_one(floor: Floor) -> None:
+def test_rows_of_a_simulation_in_its_own_world_and_in_the_true_one(floor: TrackSimulation) -> None:
     rng, truth = np.random.default_rng(3), true_poses(floor)
     error = SIGMA * rng.normal(size=(12, 6))
     error[0] = 0
@@ -159,7 +159,7 @@ def test_rows_of_a_simulation_in_its_own_world_and_in_the_true_one(floor: Floor)
     np.testing.assert_allclose([row.value for row in again], [row.value for row in rows], rtol=1e-6)
 
 
-def test_rows_of_a_recording_are_those_that_true_poses_allow(floor: Floor) -> None:
+def test_rows_of_a_recording_are_those_that_true_poses_allow(floor: TrackSimulation) -> None:
     truth, landmarks = true_poses(floor), displaced_landmarks(floor)
     stamps_s = floor.sequence.timestamps_s
 
@@ -174,7 +174,7 @@ def test_rows_of_a_recording_are_those_that_true_poses_allow(floor: Floor) -> No
     assert keys(None) == []
 
 
-def test_only_frames_within_the_time_of_the_truth_count(floor: Floor) -> None:
+def test_only_frames_within_the_time_of_the_truth_count(floor: TrackSimulation) -> None:
     truth, landmarks = true_poses(floor), displaced_landmarks(floor)
     poses = truth.copy()
     poses[6:, :3, 3] += 5.0

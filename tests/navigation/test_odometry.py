@@ -7,11 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from asfm.config import BackendConfig
-from asfm.geometry.poses import invert, make_pose
+from asfm.geometry.poses import chain_steps, invert, make_pose
 from asfm.geometry.sonar import SonarModel
 from asfm.navigation.odometry import Odometry, read_odometry
 from asfm.sequence import Sequence
-from asfm.simulation.vehicle.sensors import chain_steps
 from asfm.types import FloatArray, SensorNoise, Trajectory
 from tests.worlds import no_frame
 

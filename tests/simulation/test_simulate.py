@@ -1,12 +1,15 @@
-"""Whole simulated sequences: reproducible, lazily rendered, honest about bad requests."""
+"""Simulated sequences: reproducible in any order, rendered when read, invalid requests refused."""
 
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from asfm.errors import AsfmError
+from asfm.geometry.poses import make_pose
 from asfm.simulation.simulate import SimulatedSequence, simulate
+from asfm.types import Trajectory
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +28,7 @@ def test_frames_and_truth_have_the_shape_of_the_sonar(tank: SimulatedSequence) -
     seen = np.isfinite(truth.elevation_rad)
     assert 0.1 < seen.mean() < 0.9
     assert np.abs(truth.elevation_rad[seen]).max() <= sequence.sonar.elevation_aperture_rad / 2 + 1e-3
-    # The clean image lies under the truth's support (and the pulse's and beams' smear around it).
+    # The clean image is bright where the truth has an elevation, and dark elsewhere but for the point spread.
     assert truth.clean[seen].mean() > 10 * truth.clean[~seen].mean()
 
 
@@ -41,13 +44,13 @@ def test_same_seed_same_bytes_in_any_order_on_any_number_of_threads(tank: Simula
         assert first.world_from_vehicle.tobytes() == second.world_from_vehicle.tobytes()
 
 
-def test_another_seed_is_another_world(tank: SimulatedSequence) -> None:
+def test_another_seed_gives_another_scene_and_noise(tank: SimulatedSequence) -> None:
     other = simulate("tank", frame_count=2, seed=5)
     assert not np.array_equal(other.scene.vertices_m, tank.scene.vertices_m)
     assert not np.array_equal(other.sequence.read_frame(0).image, tank.sequence.read_frame(0).image)
 
 
-def test_noise_differs_from_ping_to_ping(tank: SimulatedSequence) -> None:
+def test_noise_of_two_pings_is_uncorrelated(tank: SimulatedSequence) -> None:
     images = [tank.sequence.read_frame(i).image for i in (0, 1)]
     dark = np.logical_and(*(tank.read_truth(i).clean < 1e-3 for i in (0, 1)))
     assert dark.sum() > 10000
@@ -64,6 +67,19 @@ def test_noise_differs_from_ping_to_ping(tank: SimulatedSequence) -> None:
         ({"scene_name": "seafloor", "seed": -1}, "seed of zero or more"),
     ],
 )
-def test_impossible_requests_name_what_is_known(request_: dict[str, object], message: str) -> None:
+def test_invalid_requests_name_the_known_values(request_: dict[str, object], message: str) -> None:
     with pytest.raises(AsfmError, match=message):
         simulate(**request_)  # type: ignore[arg-type]
+
+
+def test_given_path_is_sampled_at_the_sonars_rate_until_it_ends() -> None:
+    angle = Rotation.from_euler("ZYX", [0.1, -0.5, 0.0])
+    ends = make_pose(np.array([[-4.0, 0, -2.0], [-2.0, 0, -2.0]]), Rotation.concatenate([angle, angle]))
+    simulated = simulate("hull", motion=Trajectory(np.array([10.0, 14.0]), ends), frame_count=80)
+    truth = simulated.sequence.groundtruth
+    assert truth is not None
+    assert len(simulated.sequence) == 21  # 4 s at 5 Hz, not 80
+    (found,) = [found for found in simulated.sequence.diagnostics if found.code == "short-path"]
+    assert "after 21 of 80 frames at 5 Hz" in found.message
+    assert truth.timestamps_s[[0, -1]] == pytest.approx([10.0, 14.0])
+    assert truth.world_from_vehicle[10, :3, 3] == pytest.approx([-3.0, 0, -2.0])

@@ -5,11 +5,11 @@ import pytest
 
 from asfm.geometry.poses import invert, transform
 from asfm.geometry.sonar import project
-from asfm.simulation.track_simulation import SONAR, make_floor
+from asfm.simulation.track_simulation import SONAR, simulate_tracks
 
 
 def test_observations_are_projections_of_the_points_with_the_stated_noise() -> None:
-    floor = make_floor(12, 20, (6, 12), "sway", 1.0, navigation=True)
+    floor = simulate_tracks(12, 20, (6, 12), "sway", 1.0, navigation=True)
     assert floor.sequence.groundtruth is not None and floor.tracks.sigma is not None
     truth, tracks, sigma = floor.sequence.groundtruth.world_from_vehicle, floor.tracks, floor.tracks.sigma
     in_sonar_m = transform(invert(truth)[tracks.frame], floor.xyz_m[tracks.track])

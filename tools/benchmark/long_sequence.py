@@ -13,7 +13,7 @@ from asfm.backend.initialisation.initial_poses import initialise_from_odometry
 from asfm.config import Config
 from asfm.evaluation.pose_error_table import ATE_RMSE, evaluate_sequence
 from asfm.navigation.frame_navigation import read_navigation
-from asfm.simulation.track_simulation import make_floor
+from asfm.simulation.track_simulation import simulate_tracks
 from asfm.stages import peak_memory_mb
 from asfm.types import Trajectory
 from tools.benchmark.table import Requirement
@@ -40,7 +40,7 @@ def measure_batch(
     frames: int = BATCH_FRAMES, observations: int = BATCH_OBSERVATIONS, views: tuple[int, int] = BATCH_VIEWS
 ) -> Batch:
     """Solve the tracks of a long sequence in as many rounds as a run, and compute the landmarks' covariances."""
-    floor, config = make_floor(frames, observations, views, "transect", 5.0, navigation=True), Config()
+    floor, config = simulate_tracks(frames, observations, views, "transect", 5.0, navigation=True), Config()
     initial = initialise_from_odometry(read_navigation(floor.sequence, config.backend), floor.sequence)
     assert initial is not None
     poses, rounds_s = initial.world_from_vehicle, []

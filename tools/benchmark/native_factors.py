@@ -20,7 +20,7 @@ from asfm.backend.graph.problem import FIRST_POINT, FIRST_POSE, BundleProblem
 from asfm.backend.initialisation.initial_poses import InitialPoses, initialise_from_odometry
 from asfm.config import BackendConfig
 from asfm.navigation.frame_navigation import read_navigation
-from asfm.simulation.track_simulation import Floor, make_floor
+from asfm.simulation.track_simulation import TrackSimulation, simulate_tracks
 from asfm.types import FloatArray
 from tools.benchmark.table import Requirement
 
@@ -37,7 +37,7 @@ Factor = Callable[[int, int, float, float], Any]
 
 def compare_factors(frames: int = SMALL_FRAMES, points: int = SMALL_POINTS) -> Iterator[Requirement]:
     """Solve the same graph from the same initial values with native factors and with factors in Python."""
-    floor = make_floor(frames, points, (max(frames // 2, 3), frames), "sway", 2.0, navigation=False)
+    floor = simulate_tracks(frames, points, (max(frames // 2, 3), frames), "sway", 2.0, navigation=False)
     initial = initialise_from_odometry(read_navigation(floor.sequence, BackendConfig()), floor.sequence)
     assert initial is not None
     lever_arm = gtsam.Pose3(floor.sequence.vehicle_from_sonar)
@@ -65,7 +65,9 @@ def compare_factors(frames: int = SMALL_FRAMES, points: int = SMALL_POINTS) -> I
     )
 
 
-def _time_graph(floor: Floor, initial: InitialPoses, factors: tuple[Factor, Factor]) -> tuple[float, FloatArray]:
+def _time_graph(
+    floor: TrackSimulation, initial: InitialPoses, factors: tuple[Factor, Factor]
+) -> tuple[float, FloatArray]:
     """Optimise by Levenberg-Marquardt; return the seconds without building the graph, and (N, 4, 4) poses."""
     tracks, sensors = floor.tracks, initial.sensors
     assert tracks.sigma is not None
@@ -91,7 +93,7 @@ def _time_graph(floor: Floor, initial: InitialPoses, factors: tuple[Factor, Fact
     return wall_s, np.stack([values.atPose3(FIRST_POSE + index).matrix() for index in range(len(floor.sequence))])
 
 
-def _time_adjustment(floor: Floor, initial: InitialPoses) -> tuple[float, FloatArray]:
+def _time_adjustment(floor: TrackSimulation, initial: InitialPoses) -> tuple[float, FloatArray]:
     """Adjust the same graph in the back-end; return the seconds with building the graph, and (N, 4, 4) poses."""
     assert floor.tracks.sigma is not None
     problem = BundleProblem(

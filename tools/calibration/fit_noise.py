@@ -5,7 +5,7 @@ folder of 8- or 16-bit grey PNGs (rows are ranges) with ``--range NEAR FAR``. Pr
 (AddSigma, near_sigma, near_exponent, threshold, azimuth_edge_db) and the Kolmogorov-Smirnov distance of the fitted
 distribution from the recorded one, over all pixels and by zones of range.
 
-The model is the simulator's (asfm/simulation/acoustics/receiver.py): Rayleigh noise whose power is the receiver's plus
+The model is the simulator's (asfm/simulation/acoustics/noise.py): Rayleigh noise whose power is the receiver's plus
 the water's reverberation, which falls with range and off the axis; the sonar subtracts a threshold and clips at zero.
 The likelihood is that of the pixel counts, so that the zeros below the threshold are modelled too. Empty water has no
 speckle: MultSigma is not fitted.
@@ -21,7 +21,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from asfm.errors import AsfmError
-from asfm.simulation.acoustics.receiver import background_sigma
+from asfm.simulation.acoustics.noise import background_sigma
 from asfm.simulation.sonars.parameters import ImagingSonar, make_sonar_model
 from asfm.simulation.sonars.presets import PRESETS
 from asfm.types import FloatArray, IntArray

@@ -1,4 +1,4 @@
-"""The sum of echoes in every pixel: power before the receiver's spread and noise, and the elevation behind it."""
+"""Accumulation of echoes in the pixels: received power, and ground truth of the elevation."""
 
 import numpy as np
 
@@ -6,17 +6,26 @@ from asfm.simulation.acoustics.echoes import Echoes
 from asfm.types import FloatArray, ImageArray
 
 SAME_SURFACE_RAD = np.deg2rad(1.0)
+"""Largest difference in elevation between echoes that are averaged."""
 
 
 def accumulate_power(echoes: Echoes, shape: tuple[int, int]) -> ImageArray:
-    """Sum echoes into a (beams, ranges) image, each shared by the two rows nearest to it."""
+    """Sum the power of echoes in each pixel, each echo linearly divided between the two nearest rows.
+
+    Args:
+        echoes: their rows, beams and powers.
+        shape: (beams, ranges)
+
+    Returns:
+        (beams, ranges) power, before the receiver's point spread and noise.
+    """
     beams, rows = shape
     position = echoes.row + np.float32(0.5)
     np.clip(position, 0, rows + 1, out=position)
     pixel = position.astype(np.intp)
     position -= np.trunc(position)
     position *= echoes.power
-    padded = rows + 2  # a row of padding on either side takes what lies outside
+    padded = rows + 2  # one row of padding on either side takes the echoes out of range
     pixel += echoes.column * padded
     both = np.bincount(pixel, echoes.power, beams * padded).reshape(beams, padded)
     far = np.bincount(pixel, position, beams * padded).reshape(beams, padded)
@@ -26,10 +35,17 @@ def accumulate_power(echoes: Echoes, shape: tuple[int, int]) -> ImageArray:
 
 
 def average_elevation(echoes: Echoes, shape: tuple[int, int]) -> FloatArray:
-    """Give the elevation of each pixel's strongest surface, NaN where nothing echoes.
+    """Return the elevation of each pixel's strongest surface.
 
-    Where several surfaces fall into one pixel (layover) a mean over all would name a place where there is nothing:
-    the mean, weighted by power, is over the echoes within one degree of the strongest.
+    Where several surfaces fall into one pixel (layover), the mean over all of them would be a place without a surface.
+    The mean, weighted by power, is therefore over the echoes within one degree of the strongest.
+
+    Args:
+        echoes: their rows, beams, powers and elevations.
+        shape: (ranges, beams)
+
+    Returns:
+        (ranges, beams) elevation in radians, NaN where nothing echoes.
     """
     rows, columns = shape
     position = np.clip(echoes.row + np.float32(0.5), 0, rows + 1)
@@ -45,7 +61,7 @@ def average_elevation(echoes: Echoes, shape: tuple[int, int]) -> FloatArray:
     strongest = np.zeros(size)
     strongest[pixel[leading]] = elevation[leading]
     mean: FloatArray = strongest
-    for _ in range(2):  # about the strongest, which may lie at the edge of its surface, then about the mean there
+    for _ in range(2):  # around the strongest, which may be at the edge of its surface, then around the mean there
         near = np.abs(elevation - mean[pixel]) <= SAME_SURFACE_RAD
         weight = np.bincount(pixel[near], power[near], size)
         total = np.bincount(pixel[near], (power * elevation)[near], size)

@@ -1,9 +1,9 @@
-"""Random energies as beams hear them: exponential in every pixel, alike in beams that overlap.
+"""Correlated speckle and noise: exponential energies whose correlation between beams follows the beam pattern.
 
-What beams receive from noise, or from the many scatterers of a pixel, is a complex Gaussian field that has passed the
-beam pattern: neighbouring beams share it as far as their lobes overlap. In Oculus recordings of 512 beams the values of
-empty water correlate by 0.83 to 0.87, 0.55 to 0.69 and 0.31 to 0.54 over one, two and three beams; the Gaussian lobe of
-the maker's 0.4 degrees gives 0.90, 0.65 and 0.37. Along ranges the recordings are nearly white.
+Noise, or the echo of the many scatterers in a pixel, is a complex Gaussian field filtered by the beam pattern:
+neighbouring beams are correlated as far as their lobes overlap. In Oculus recordings of 512 beams the values of empty
+water correlate by 0.83 to 0.87, 0.55 to 0.69 and 0.31 to 0.54 over one, two and three beams; a Gaussian lobe of the
+manufacturer's 0.4 degrees gives 0.90, 0.65 and 0.37. Along ranges the recordings are nearly white.
 """
 
 from dataclasses import dataclass
@@ -26,11 +26,11 @@ class FieldBank:
 
 
 def make_field_bank(lobe: ImageArray, rng: np.random.Generator) -> FieldBank:
-    """Draw a bank once, since a field a ping would cost more than all the rest of the ping.
+    """Draw a bank of fields, once: a new field for every ping would take longer than rendering the ping.
 
     Args:
-        lobe: (2 m + 1, beams) share of the power of each beam that is heard in the beams m before to m after it.
-        rng: source of the bank.
+        lobe: (2 m + 1, beams) share of the power of each beam that is received in the beams m before to m after it.
+        rng: source of the fields.
     """
     reach, beams = len(lobe) // 2, lobe.shape[1]
     white = rng.standard_normal((2, BANK_ROWS, beams), dtype=np.float32)
@@ -46,49 +46,48 @@ def make_field_bank(lobe: ImageArray, rng: np.random.Generator) -> FieldBank:
 
 @dataclass(frozen=True)
 class RowMix:
-    """How each of R rows of energies is made of two rows of a bank: a random unitary rotation."""
+    """Random unitary rotation that mixes two rows of a bank into each of R rows of energies."""
 
-    one: IntArray
+    first: IntArray
     """(R,) row of the bank."""
-    other: IntArray
+    second: IntArray
     """(R,) row of the bank."""
-    share: ImageArray
-    """(R, 1, 1) factor of the one."""
-    turn_real: ImageArray
-    """(R, 1, 1) real part of the factor of the other."""
-    turn_imaginary: ImageArray
-    """(R, 1, 1) imaginary part of the factor of the other."""
+    first_factor: ImageArray
+    """(R, 1, 1) real factor of the first row."""
+    second_factor_real: ImageArray
+    """(R, 1, 1) real part of the factor of the second row."""
+    second_factor_imag: ImageArray
+    """(R, 1, 1) imaginary part of the factor of the second row."""
 
 
 def draw_mix(bank: FieldBank, rows: int, rng: np.random.Generator) -> RowMix:
-    """Draw what makes a ping's noise its own.
+    """Draw the rotations of one ping, for ``rows`` rows of energies.
 
-    Two pings share at most single rows, elsewhere in the image and mixed with others: no pattern that a matcher could
-    take for a thing.
+    Two pings share at most single rows, at other places in the image and mixed with other rows: no pattern that could
+    be matched between frames.
     """
-    one, other = rng.integers(0, len(bank.field), (2, rows))
-    mix, phase = rng.uniform(0, 2 * np.pi, (2, rows, 1, 1))
-    turn = np.sin(mix) * np.exp(1j * phase)
-    factors = (part.astype(np.float32) for part in (np.cos(mix), turn.real, turn.imag))
-    return RowMix(one, other, *factors)
+    first, second = rng.integers(0, len(bank.field), (2, rows))
+    angle, phase = rng.uniform(0, 2 * np.pi, (2, rows, 1, 1))
+    second_factor = np.sin(angle) * np.exp(1j * phase)
+    factors = (part.astype(np.float32) for part in (np.cos(angle), second_factor.real, second_factor.imag))
+    return RowMix(first, second, *factors)
 
 
 def mix_energies(bank: FieldBank, mix: RowMix, rows: slice = slice(None)) -> tuple[ImageArray, ImageArray]:
-    """Give ``rows`` of two independent images of energies of mean 1.
+    """Return rows of two independent images of exponential energies of mean 1, (R, beams) each.
 
-    Each rotation makes two fields of two, so that the second field's energy is what the first leaves of the two rows'
-    energies.
+    A unitary rotation of two fields preserves the sum of their energies: the second image is that sum minus the first.
     """
-    one, other = mix.one[rows], mix.other[rows]
-    field, added = bank.field.take(one, axis=0), bank.field.take(other, axis=0)
-    field *= mix.share[rows]
-    field += mix.turn_real[rows] * added
-    added *= mix.turn_imaginary[rows]
+    first, second = mix.first[rows], mix.second[rows]
+    field, added = bank.field.take(first, axis=0), bank.field.take(second, axis=0)
+    field *= mix.first_factor[rows]
+    field += mix.second_factor_real[rows] * added
+    added *= mix.second_factor_imag[rows]
     field[:, 0] -= added[:, 1]
     field[:, 1] += added[:, 0]
     field *= field
     energy = field[:, 0] + field[:, 1]
-    rest = bank.energy.take(one, axis=0)
-    rest += bank.energy.take(other, axis=0)
+    rest = bank.energy.take(first, axis=0)
+    rest += bank.energy.take(second, axis=0)
     rest -= energy
     return energy, np.maximum(rest, 0, out=rest)

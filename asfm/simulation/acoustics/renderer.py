@@ -1,4 +1,4 @@
-"""From the sonar's pose to its image, and to the truth behind the image."""
+"""Sonar image renderer: pose to image, and to the ground truth of elevation and noise-free image."""
 
 from dataclasses import dataclass, replace
 from threading import Lock
@@ -7,13 +7,13 @@ import numpy as np
 
 from asfm.geometry.sonar import SonarModel
 from asfm.simulation.acoustics.accumulation import accumulate_power, average_elevation
-from asfm.simulation.acoustics.backscatter import EchoStrength, weigh_echoes
+from asfm.simulation.acoustics.backscatter import EchoStrength, make_echo_strength
 from asfm.simulation.acoustics.correlated_fields import FieldBank, make_field_bank
 from asfm.simulation.acoustics.echoes import Echoes, delay_echoes, trace_echoes
+from asfm.simulation.acoustics.noise import add_noise
 from asfm.simulation.acoustics.rays import Hits, RayCaster, RayFan, make_ray_fan
 from asfm.simulation.acoustics.receiver import (
     PointSpread,
-    add_noise,
     leak_beams,
     make_point_spread,
     spread_beams,
@@ -25,23 +25,24 @@ from asfm.simulation.sonars.parameters import ImagingSonar, make_sonar_model
 from asfm.types import FloatArray, FrameTruth, ImageArray
 
 BANK_SEED = 2048
-"""The bank belongs to the sonar; what a sequence's seed decides is what is drawn from it."""
+"""The bank of fields is the same for all sequences; their seeds decide what is drawn from it."""
 GAIN_POSES = 3
-MIDDLE_VALUE = 0.3
-STRONG_VALUE = 0.9
-
+"""Number of poses from which the gain is determined."""
+MEDIAN_ECHO_VALUE = 0.3
+STRONG_ECHO_VALUE = 0.9
+"""Largest amplitude times gain of the median and of the 90 % quantile of the echoes at the automatic gain."""
 
 SECTOR_RAYS = 28_000
-"""About as many rays are traced at once: their numbers stay in the processor's cache, which is twice as fast."""
+"""Approximate number of rays traced at once: they stay in the processor's cache, which is twice as fast."""
 
-TURN = Lock()
-"""Held by the one thread that turns hits into an image while others cast rays. Embree needs no interpreter, but numpy's
-many short steps do: two threads that fight for it at every step lose more than what they could do side by side."""
+RENDER_LOCK = Lock()
+"""Held by the one thread that turns hits into an image while others cast rays. Embree releases the interpreter lock,
+numpy's many short operations do not: two threads that compete for it are slower than one after the other."""
 
 
 @dataclass(frozen=True)
 class Sector:
-    """Neighbouring beams whose rays are traced at once."""
+    """Adjacent beams whose rays are traced at once."""
 
     beams: slice
     rays: slice
@@ -51,7 +52,7 @@ class Sector:
 
 @dataclass(frozen=True)
 class Renderer:
-    """Everything that turns a pose into an image; it keeps no state and may be used from several threads."""
+    """Scene, rays and receiver of one sonar; immutable, may be used from several threads."""
 
     scene: Scene
     caster: RayCaster
@@ -62,42 +63,44 @@ class Renderer:
     sectors: tuple[Sector, ...]
     spread: PointSpread
     bank: FieldBank | None
-    """Fields from which speckle and noise are drawn, where beams do not hear independently."""
+    """Fields from which speckle and noise are drawn; None where beams are independent."""
     gain: float = 1.0
 
     def cast(self, world_from_sonar: FloatArray) -> Hits:
-        """Find what all rays of one ping strike."""
+        """Return the first hits of all rays of one ping from a (4, 4) pose."""
         return self.caster.cast(world_from_sonar, self.fan.direction, self.sonar.range_max)
 
     def trace(self, hits: Hits) -> Echoes:
-        """Turn what the rays of one ping struck into its direct echoes."""
+        """Return the direct echoes of the hits of one ping."""
         return trace_echoes(hits, self.fan, self.strength, self.model)
 
-    def measure_power(self, echoes: Echoes) -> ImageArray:
-        """Give the (ranges, beams) echo density as the main lobes hear it."""
+    def compute_power(self, echoes: Echoes) -> ImageArray:
+        """Return the (ranges, beams) echo density received by the main lobes."""
         pulsed = spread_ranges(accumulate_power(echoes, self.model.shape[::-1]), self.spread)
         return np.ascontiguousarray(spread_beams(pulsed, self.spread).T)
 
     def display(self, power: ImageArray) -> ImageArray:
-        """Turn echo density into image values in 0..1: amplitudes, the strong ones softly limited."""
+        """Turn echo density into image values in 0..1: amplitude times gain, 1 - exp(-x) as a soft limit."""
         value: ImageArray = np.sqrt(power)
         value *= np.float32(-self.gain)
         return np.negative(np.expm1(value, out=value), out=value)
 
     def render(self, hits: Hits, rng: np.random.Generator) -> ImageArray:
-        """Give the (ranges, beams) image that the sonar records: echoes, side lobes, second bounces, noise.
+        """Render the (ranges, beams) image: echoes, side lobes, second bounces and noise.
 
-        ``hits`` is what :meth:`cast` found from the pose of the ping.
+        Args:
+            hits: result of :meth:`cast` for the pose of the ping.
+            rng: source of the noise.
         """
         ghosts = self.caster.bounce(hits, self.sonar.range_max) if self.sonar.multi_path else None
-        with TURN:
-            pulsed = self._measure_sectors(hits, rng)
+        with RENDER_LOCK:
+            pulsed = self._accumulate_sectors(hits, rng)
             if ghosts is not None:
-                pulsed += self._measure_sectors(ghosts) * np.float32(10 ** (self.sonar.multi_path_db / 10))
-            return add_noise(self._hear(pulsed), self.sonar, self.model, rng, self.bank)
+                pulsed += self._accumulate_sectors(ghosts) * np.float32(10 ** (self.sonar.multi_path_db / 10))
+            return add_noise(self._receive(pulsed), self.sonar, self.model, rng, self.bank)
 
-    def _hear(self, pulsed: ImageArray) -> ImageArray:
-        """Give the (ranges, beams) image without noise of a (beams, ranges) echo density: main and side lobes."""
+    def _receive(self, pulsed: ImageArray) -> ImageArray:
+        """Return the noise-free (ranges, beams) image of a (beams, ranges) echo density: main and side lobes."""
         total = sum_beams(pulsed, self.spread)
         image = np.empty(self.model.shape, dtype=np.float32)
         for sector in self.sectors:
@@ -107,12 +110,12 @@ class Renderer:
         return image
 
     def render_truth(self, hits: Hits) -> FrameTruth:
-        """Give the elevation of every pixel, and the image of the direct echoes in the main lobes without noise."""
+        """Return the elevation of every pixel, and the noise-free image of the direct echoes in the main lobes."""
         echoes = self.trace(hits)
-        return FrameTruth(average_elevation(echoes, self.model.shape), self.display(self.measure_power(echoes)))
+        return FrameTruth(average_elevation(echoes, self.model.shape), self.display(self.compute_power(echoes)))
 
-    def _measure_sectors(self, hits: Hits, rng: np.random.Generator | None = None) -> ImageArray:
-        """Give the (beams, ranges) echo density before the beams smear it; with chance, echoes may be delayed."""
+    def _accumulate_sectors(self, hits: Hits, rng: np.random.Generator | None = None) -> ImageArray:
+        """Return the (beams, ranges) echo density before the beam pattern; with a generator, echoes are delayed."""
         rows, beams = self.model.shape
         pulsed = np.empty((beams, rows), dtype=np.float32)
         for sector in self.sectors:
@@ -124,8 +127,8 @@ class Renderer:
         return pulsed
 
 
-def cut_sectors(fan: RayFan, strength: EchoStrength, beams: int) -> tuple[Sector, ...]:
-    """Cut the rays of all beams into sectors, always the same ones for the same sonar."""
+def divide_into_sectors(fan: RayFan, strength: EchoStrength, beams: int) -> tuple[Sector, ...]:
+    """Divide the rays into sectors of adjacent beams with about SECTOR_RAYS rays each."""
     rays_per_beam = len(fan.column) // beams
     width = max(1, SECTOR_RAYS // rays_per_beam)
     sectors = []
@@ -137,28 +140,33 @@ def cut_sectors(fan: RayFan, strength: EchoStrength, beams: int) -> tuple[Sector
 
 
 def make_renderer(scene: Scene, sonar: ImagingSonar, poses: FloatArray) -> Renderer:
-    """Prepare to render; the gain, where the sonar leaves it open, is set from three of the (N, 4, 4) poses.
+    """Prepare the renderer of a sonar in a scene.
+
+    Args:
+        scene: the mesh and its reflectivity.
+        sonar: parameters; a gain that is not given is set from three of the poses.
+        poses: (N, 4, 4) world_from_sonar.
 
     Raises:
         AsfmError: the scene has no faces.
     """
     model = make_sonar_model(sonar)
     fan = make_ray_fan(model, sonar.elevation_bins)
-    strength, spread = weigh_echoes(scene, fan, sonar, model), make_point_spread(sonar, model)
+    strength, spread = make_echo_strength(scene, fan, sonar, model), make_point_spread(sonar, model)
     bank = None if sonar.independent_beams else make_field_bank(spread.lobe, np.random.default_rng(BANK_SEED))
-    sectors = cut_sectors(fan, strength, model.shape[1])
+    sectors = divide_into_sectors(fan, strength, model.shape[1])
     renderer = Renderer(scene, RayCaster(scene), sonar, model, fan, strength, sectors, spread, bank)
     return replace(renderer, gain=sonar.gain or _choose_gain(renderer, poses))
 
 
 def _choose_gain(renderer: Renderer, poses: FloatArray) -> float:
-    """Set the gain as an operator would: the middle echo is dark grey and nine in ten are below the limit."""
+    """Choose the gain such that the median echo is dark grey and 90 % of the echoes are below saturation."""
     sample = poses[np.unique(np.linspace(0, len(poses) - 1, GAIN_POSES).round().astype(int))]
     echo = np.concatenate(
-        [np.sqrt(renderer.measure_power(renderer.trace(renderer.cast(pose)))).ravel() for pose in sample]
+        [np.sqrt(renderer.compute_power(renderer.trace(renderer.cast(pose)))).ravel() for pose in sample]
     )
     echo = echo[echo > 0.02 * max(float(echo.max()), 1e-12)]
     if not len(echo):
         return 1.0
     middle, strong = np.quantile(echo, [0.5, 0.9])
-    return min(MIDDLE_VALUE / float(middle), STRONG_VALUE / float(strong))
+    return min(MEDIAN_ECHO_VALUE / float(middle), STRONG_ECHO_VALUE / float(strong))

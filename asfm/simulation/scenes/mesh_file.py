@@ -1,4 +1,4 @@
-"""Scenes from somebody's mesh file."""
+"""Scenes from mesh files (OBJ, PLY, STL, glTF and other formats of trimesh)."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,11 +16,15 @@ if TYPE_CHECKING:
 FACE_EDGE_M = 0.1
 MAX_FACES = 400_000
 MAX_SIZE_M = 1e5
-"""Rays are cast in float32: what is larger than this is a slip of units, or no mesh at all."""
+"""Rays are cast in float32; a larger mesh is in other units than metres, or damaged."""
 
 
 def read_mesh(path: Path, rng: np.random.Generator) -> Scene:
-    """Read a mesh in metres, z up, from any file that trimesh reads; large faces are cut up to carry texture.
+    """Read a mesh in metres, z up, from any format that trimesh reads; large faces are subdivided to carry texture.
+
+    Args:
+        path: the file.
+        rng: source of the reflectivity.
 
     Raises:
         AsfmError: the file is missing, cannot be read, or holds no faces, none with an area, a corner that is not
@@ -34,12 +38,13 @@ def read_mesh(path: Path, rng: np.random.Generator) -> Scene:
         raise AsfmError(f"{path}: expected a mesh with faces, found only faces without an area")
     mesh.remove_unreferenced_vertices()
     mesh.fix_normals()
-    vertices_m, faces = _cut_up(np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces), float(mesh.area))
+    vertices_m, faces = _subdivide(np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces), float(mesh.area))
     scene = texture(path.stem, (vertices_m, faces), 0.5, rng)
     return Scene(scene.name, vertices_m, faces, scene.reflectivity, scene.grain, bool(mesh.is_watertight))
 
 
 def _load(path: Path) -> "trimesh.Trimesh":
+    """Load a mesh file, whose faces are not yet checked."""
     import trimesh
 
     if path.is_dir():
@@ -52,9 +57,9 @@ def _load(path: Path) -> "trimesh.Trimesh":
     try:
         mesh = trimesh.load(path, force="mesh", process=False)
     except (ImportError, KeyError, IndexError, TypeError, AttributeError):
-        # What a format's reader says here is about its own inside, not about the file.
+        # These exceptions of a format's reader describe its code, not the file.
         raise AsfmError(f"{path}: cannot read a mesh: the file is damaged, or not what its suffix says") from None
-    except Exception as error:  # trimesh lets the exceptions of a dozen formats through
+    except Exception as error:  # trimesh passes on the exceptions of a dozen formats
         raise AsfmError(f"{path}: cannot read a mesh: {' '.join(str(error).split()) or type(error).__name__}") from None
     if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
         raise AsfmError(f"{path}: expected a mesh with faces, found none")
@@ -62,6 +67,7 @@ def _load(path: Path) -> "trimesh.Trimesh":
 
 
 def _check_extent(path: Path, mesh: "trimesh.Trimesh") -> None:
+    """Check that the faces refer to finite vertices within MAX_SIZE_M."""
     faces = np.asarray(mesh.faces)
     if faces.min() < 0 or faces.max() >= len(mesh.vertices):
         raise AsfmError(f"{path}: expected faces among {len(mesh.vertices)} vertices, found number {faces.max()}")
@@ -74,12 +80,12 @@ def _check_extent(path: Path, mesh: "trimesh.Trimesh") -> None:
         raise AsfmError(f"{path}: expected a mesh in metres, {MAX_SIZE_M:g} m across at most, found {size_m:.3g} m")
 
 
-def _cut_up(vertices_m: FloatArray, faces: IntArray, area_m2: float) -> tuple[FloatArray, IntArray]:
-    """Cut faces until no edge is longer than a decimetre, or longer where that would make too many faces."""
+def _subdivide(vertices_m: FloatArray, faces: IntArray, area_m2: float) -> tuple[FloatArray, IntArray]:
+    """Subdivide faces until no edge is longer than FACE_EDGE_M, or longer for a mesh of more than MAX_FACES."""
     from trimesh.remesh import subdivide_to_size
 
     edge_m = max(FACE_EDGE_M, 3.5 * (area_m2 / MAX_FACES) ** 0.5)
     if len(faces) > MAX_FACES:
         return vertices_m, faces
-    cut_m, cut_faces = subdivide_to_size(vertices_m, faces, edge_m, max_iter=20)
-    return np.asarray(cut_m, dtype=float), np.asarray(cut_faces, dtype=np.int64)
+    fine_m, fine_faces = subdivide_to_size(vertices_m, faces, edge_m, max_iter=20)
+    return np.asarray(fine_m, dtype=float), np.asarray(fine_faces, dtype=np.int64)

@@ -25,7 +25,7 @@ ROWS_X_M = (0.6, 2.0)
 
 
 def make_pier(rng: np.random.Generator) -> Scene:
-    """Build a pier along y: bottom at z = 0, wall at x = 3 facing -x, two rows of piles before it."""
+    """Build a pier along y: bottom at z = 0, wall at x = 3 facing -x, two rows of piles in front of it."""
     ground = make_ground((14.0, LENGTH_M), rng, swell_m=0.05)
     ground[0][:, 0] -= 3.5
     parts = [texture("bottom", ground, 0.25, rng), texture("wall", _make_wall(rng), 0.45, rng)]
@@ -37,7 +37,7 @@ def make_pier(rng: np.random.Generator) -> Scene:
 
 
 def _make_wall(rng: np.random.Generator) -> Mesh:
-    """Concrete blocks that stand out unevenly, with joints between them."""
+    """Make a wall of concrete blocks that protrude unevenly, with joints between them."""
     vertices_m, faces = make_sheet((HEIGHT_M, LENGTH_M), 0.05)
     up_m, along_m = vertices_m[:, 0] + HEIGHT_M / 2, vertices_m[:, 1]
     course = (up_m // 0.62).astype(int)
@@ -46,11 +46,12 @@ def _make_wall(rng: np.random.Generator) -> Mesh:
     out_m = rng.uniform(0, 0.09, (course.max() + 1, column.max() + 1))[course, column]
     joint = (up_m % 0.62 < 0.05) | ((along_m + LENGTH_M / 2 + offset) % 1.1 < 0.05)
     out_m = np.where(joint, -0.05, out_m) + 0.008 * wave_field(vertices_m[:, :2], (0.1, 0.6), rng)
-    # A sheet that faces up, stood on edge: its x runs up the wall, its normal points to -x.
+    # The sheet is turned upright: its x axis runs up the wall, its normal points to -x.
     return np.stack([WALL_X_M - out_m, along_m, up_m], axis=-1), faces
 
 
 def _make_piles(rng: np.random.Generator) -> list[Scene]:
+    """Make rows of piles, some of them joined by braces."""
     parts = []
     for row_x in ROWS_X_M:
         along = -LENGTH_M / 2 + 0.8
@@ -71,7 +72,7 @@ def _make_piles(rng: np.random.Generator) -> list[Scene]:
 
 
 def _make_growth(rng: np.random.Generator) -> list[Scene]:
-    """Clumps of mussels on the wall, fenders hanging before it."""
+    """Make clumps of mussels on the wall, and fenders in front of it."""
     parts = []
     for _ in range(int(LENGTH_M * 5)):
         place = (WALL_X_M - 0.05, rng.uniform(-0.5, 0.5) * LENGTH_M, HEIGHT_M * rng.uniform(0.02, 1) ** 1.3)
@@ -85,20 +86,20 @@ def _make_growth(rng: np.random.Generator) -> list[Scene]:
 
 
 def _make_debris(rng: np.random.Generator) -> list[Scene]:
-    """Tyres, pipes and crates on the bottom."""
+    """Make tyres, pipes and crates on the bottom."""
     parts = []
     for _ in range(int(LENGTH_M * 1.3)):
         place = (rng.uniform(-4.0, 2.4), rng.uniform(-0.48, 0.48) * LENGTH_M, rng.uniform(0.02, 0.12))
         turn = (rng.uniform(0, 2 * np.pi), rng.normal(0, 0.2), rng.normal(0, 0.2))
         kind = rng.integers(3)
         if kind == 0:
-            round_m = np.linspace(0, 2 * np.pi, 30)
-            ring = 0.28 * np.stack([np.cos(round_m), np.sin(round_m), 0 * round_m], axis=-1)
-            thing = make_pipe(ring, 0.09, rng, rough_m=0.003, step_m=0.04)
+            angle_rad = np.linspace(0, 2 * np.pi, 30)
+            ring = 0.28 * np.stack([np.cos(angle_rad), np.sin(angle_rad), 0 * angle_rad], axis=-1)
+            item = make_pipe(ring, 0.09, rng, rough_m=0.003, step_m=0.04)
         elif kind == 1:
             half = rng.uniform(0.4, 1.1)
-            thing = make_pipe(np.array([[-half, 0, 0], [half, 0, 0]]), rng.uniform(0.04, 0.1), rng, rough_m=0.004)
+            item = make_pipe(np.array([[-half, 0, 0], [half, 0, 0]]), rng.uniform(0.04, 0.1), rng, rough_m=0.004)
         else:
-            thing = make_box(rng.uniform(0.2, 0.6, 3).tolist())
-        parts.append(texture("debris", move_mesh(thing, place, turn), 0.9, rng))
+            item = make_box(rng.uniform(0.2, 0.6, 3).tolist())
+        parts.append(texture("debris", move_mesh(item, place, turn), 0.9, rng))
     return parts

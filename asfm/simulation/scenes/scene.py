@@ -1,4 +1,4 @@
-"""A scene: triangles with the strength of their echo."""
+"""Scene: a triangle mesh with a reflectivity per face."""
 
 from dataclasses import dataclass
 
@@ -9,23 +9,23 @@ from asfm.types import FloatArray, IntArray
 
 @dataclass(frozen=True)
 class Scene:
-    """A mesh in world coordinates (z up) whose faces echo."""
+    """A triangle mesh in world coordinates (z up) with its reflectivity."""
 
     name: str
     vertices_m: FloatArray
-    """(V, 3)"""
+    """(V, 3) vertices."""
     faces: IntArray
-    """(F, 3) vertices of each triangle, counter-clockwise seen from outside."""
+    """(F, 3) vertex indices of each triangle, counter-clockwise seen from outside."""
     reflectivity: FloatArray
-    """(F,) diffuse strength of each face's echo; 1 is a bright rock."""
+    """(F,) diffuse reflectivity of each face; 1 is a bright rock."""
     grain: float = 0.0
-    """Standard deviation of the logarithm of a finer reflectivity, in grains of 2 cm fixed to the world."""
+    """Standard deviation of the logarithm of a finer reflectivity, in cells of 2 cm fixed to the world."""
     winds_outward: bool = True
-    """False where the winding tells nothing about inside and outside (an open mesh of somebody's)."""
+    """False for an open mesh, whose winding does not define inside and outside."""
 
 
 def join_scenes(name: str, parts: list[Scene]) -> Scene:
-    """Put the faces of several scenes into one."""
+    """Concatenate the faces of several scenes."""
     offsets = np.cumsum([0, *(len(part.vertices_m) for part in parts)])
     return Scene(
         name,

@@ -1,6 +1,6 @@
-"""Rocks, sheets, pipes and boxes as (vertices, faces): the bricks of the scenes.
+"""Mesh primitives of the scenes: rocks, sheets, ground, pipes, boxes and balls, with textured reflectivity.
 
-Bricks are cut into faces of a few centimetres, because a face is what carries reflectivity, and wind outward.
+Faces are a few centimetres wide, since reflectivity is stored per face, and wound outward.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,16 @@ Mesh = tuple[FloatArray, IntArray]
 
 
 def wave_field(points_m: FloatArray, wavelength_m: tuple[float, float], rng: np.random.Generator) -> FloatArray:
-    """Evaluate a smooth random field of unit variance at (N, D) points: a sum of plane waves. (N,)."""
+    """Evaluate a smooth random field of unit variance, a sum of plane waves.
+
+    Args:
+        points_m: (N, D) points.
+        wavelength_m: shortest and longest wavelength; wavelengths are log-uniform.
+        rng: source of directions, wavelengths and phases.
+
+    Returns:
+        (N,) values.
+    """
     modes = 32
     dimensions = points_m.shape[1]
     direction = rng.normal(size=(dimensions, modes))
@@ -31,7 +40,7 @@ def wave_field(points_m: FloatArray, wavelength_m: tuple[float, float], rng: np.
 
 
 def texture(name: str, mesh: Mesh, level: float, rng: np.random.Generator) -> Scene:
-    """Give a mesh a reflectivity of mean about ``level`` that stays with it: patches, facets and grain."""
+    """Make a scene of a mesh with a random reflectivity of mean about ``level``: patches, facets and grain."""
     vertices_m, faces = mesh
     centres_m = vertices_m[faces].mean(axis=1)
     patches = 0.35 * wave_field(centres_m, (0.25, 1.5), rng) + 0.3 * wave_field(centres_m, (0.06, 0.25), rng)
@@ -40,21 +49,21 @@ def texture(name: str, mesh: Mesh, level: float, rng: np.random.Generator) -> Sc
 
 
 def join_meshes(meshes: Sequence[Mesh]) -> Mesh:
-    """Put several meshes into one."""
+    """Concatenate several meshes."""
     offsets = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
     faces = [faces + offset for (_, faces), offset in zip(meshes, offsets[:-1], strict=True)]
     return np.concatenate([vertices for vertices, _ in meshes]), np.concatenate(faces)
 
 
 def move_mesh(mesh: Mesh, place_m: Sequence[float], turn_rad: Sequence[float] = (0.0, 0.0, 0.0)) -> Mesh:
-    """Turn a mesh by yaw, pitch and roll about the origin, then set it down at a place."""
+    """Rotate a mesh by yaw, pitch and roll about the origin, then translate it."""
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_euler("ZYX", list(turn_rad)).apply(mesh[0]) + np.array(place_m), mesh[1]
 
 
 def make_rock(radius_m: float, rng: np.random.Generator) -> Mesh:
-    """Carve an irregular rock around the origin: a stretched ball, cut by planes and roughened."""
+    """Make an irregular rock around the origin: a stretched ball, cut by planes and roughened."""
     direction, faces = _ball(2 if radius_m < 0.1 else 3 if radius_m < 0.25 else 4)
     reach = 1 + 0.16 * wave_field(direction, (1.2, 2.5), rng) + 0.05 * wave_field(direction, (0.35, 0.9), rng)
     cuts = rng.normal(size=(9, 3))
@@ -71,6 +80,7 @@ def make_rock(radius_m: float, rng: np.random.Generator) -> Mesh:
 
 @cache
 def _ball(subdivisions: int) -> Mesh:
+    """Return an icosphere of radius 1."""
     from trimesh.creation import icosphere
 
     ball = icosphere(subdivisions=subdivisions)
@@ -84,7 +94,7 @@ def make_ball(radius_m: float, subdivisions: int = 4) -> Mesh:
 
 
 def grid_faces(rows: int, columns: int) -> IntArray:
-    """Triangulate a (rows, columns) grid of vertices; it faces the side from which row x column turn anticlockwise."""
+    """Triangulate a (rows, columns) grid of vertices, (F, 3); normals point along row axis x column axis."""
     corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
     one = np.stack([corner, corner + columns, corner + columns + 1], axis=-1)
     other = np.stack([corner, corner + columns + 1, corner + 1], axis=-1)
@@ -92,7 +102,7 @@ def grid_faces(rows: int, columns: int) -> IntArray:
 
 
 def make_sheet(size_m: tuple[float, float], step_m: float) -> Mesh:
-    """Lay a flat sheet in the x-y plane around the origin, facing up; vertices run along y fastest."""
+    """Make a flat sheet in the x-y plane around the origin, facing up; vertices are ordered along y fastest."""
     rows, columns = (max(2, round(size / step_m) + 1) for size in size_m)
     x, y = np.meshgrid(
         np.linspace(-0.5, 0.5, rows) * size_m[0], np.linspace(-0.5, 0.5, columns) * size_m[1], indexing="ij"
@@ -103,7 +113,7 @@ def make_sheet(size_m: tuple[float, float], step_m: float) -> Mesh:
 def make_ground(
     size_m: tuple[float, float], rng: np.random.Generator, swell_m: float = 0.07, step_m: float = 0.06
 ) -> Mesh:
-    """Lay ground around the origin: swells of the stated height, ripples of a centimetre. It faces up."""
+    """Make ground around the origin, facing up: undulations of standard deviation ``swell_m`` and ripples of 1 cm."""
     vertices_m, faces = make_sheet(size_m, step_m)
     plan_m = vertices_m[:, :2]
     height_m = swell_m * wave_field(plan_m, (2.5, 8.0), rng) + 0.012 * wave_field(plan_m, (0.25, 1.2), rng)
@@ -130,7 +140,7 @@ def make_box(size_m: Sequence[float], step_m: float = 0.06) -> Mesh:
 def make_pipe(
     path_m: FloatArray, radius_m: float, rng: np.random.Generator, rough_m: float = 0.0, step_m: float = 0.05
 ) -> Mesh:
-    """Run a pipe along a (P, 3) path, both ends open but for a cap, its skin roughened by a growth of that height."""
+    """Make a closed pipe along a (P, 3) path; its surface is roughened outward by about ``rough_m``."""
     length_m = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(path_m, axis=0), axis=1))])
     rings = max(3, round(length_m[-1] / step_m) + 1)
     sides = max(10, round(2 * np.pi * radius_m / step_m))

@@ -1,4 +1,4 @@
-"""Scene: a test tank with targets on stands, whose smooth walls echo like mirrors."""
+"""Scene: a test tank with targets on stands and smooth, specular walls."""
 
 import numpy as np
 
@@ -26,19 +26,19 @@ def make_tank(rng: np.random.Generator) -> Scene:
 
 
 def _make_target(number: int, rng: np.random.Generator) -> list[Scene]:
-    """A ball, cube, pipe or plate on a thin stand."""
+    """Make a ball, cube, pipe or plate on a thin stand."""
     x, y = rng.uniform([-3.0, -3.2], [4.5, 3.2])
     z = rng.uniform(0.25, 1.4)
     turn = (rng.uniform(-np.pi, np.pi), rng.normal(0, 0.5), rng.normal(0, 0.5))
     kind = number % 4
     if kind == 0:
-        thing = make_ball(float(rng.uniform(0.08, 0.22)))
+        target = make_ball(float(rng.uniform(0.08, 0.22)))
     elif kind == 1:
-        thing = make_box([float(rng.uniform(0.15, 0.4))] * 3, 0.04)
+        target = make_box([float(rng.uniform(0.15, 0.4))] * 3, 0.04)
     elif kind == 2:
         half = rng.uniform(0.2, 0.5)
-        thing = make_pipe(np.array([[-half, 0, 0], [half, 0, 0]]), rng.uniform(0.04, 0.1), rng)
+        target = make_pipe(np.array([[-half, 0, 0], [half, 0, 0]]), rng.uniform(0.04, 0.1), rng)
     else:
-        thing = make_box((0.5, 0.5, 0.03), 0.04)
+        target = make_box((0.5, 0.5, 0.03), 0.04)
     stand = make_pipe(np.array([[x, y, 0.0], [x, y, z]]), 0.02, rng)
-    return [texture("target", move_mesh(thing, (x, y, z), turn), 0.8, rng), texture("stand", stand, 0.5, rng)]
+    return [texture("target", move_mesh(target, (x, y, z), turn), 0.8, rng), texture("stand", stand, 0.5, rng)]

@@ -1,4 +1,4 @@
-"""Scene: a small wreck, broken in two and half sunk into the seafloor, with its cargo about."""
+"""Scene: a small wreck, broken in two and half buried in the seafloor, with scattered cargo."""
 
 import numpy as np
 
@@ -24,20 +24,29 @@ STRAKE_M = 0.21
 
 
 def make_wreck(rng: np.random.Generator) -> Scene:
-    """Lay a wreck of 10 m along x around the origin, on ground at a height of about zero."""
+    """Build a wreck of 10 m along x around the origin, on ground at a height of about zero."""
     ground = make_ground((20.0, 20.0), rng)
     parts = [texture("ground", ground, 0.25, rng)]
     fore = ((0.4, 0.2, -0.15), (0.12, 0.05, 0.35))
     aft = ((-0.8, -0.3, -0.2), (np.pi - 0.1, 0.08, -0.25))
     for place, turn in (fore, aft):
         parts += [texture("wreck", move_mesh(piece, place, turn), level, rng) for piece, level in _make_half(rng)]
-    parts += _make_litter(rng)
+    parts += _make_cargo(rng)
     parts += strew_rocks(ground[0], 0.15, 0.12, rng)
     return join_scenes("wreck", parts)
 
 
 def _section(along: FloatArray, around: FloatArray, shrink_m: float) -> FloatArray:
-    """Place points of half a hull that narrows to its end; ``along`` 0..1, ``around`` -1..1 from gunwale to gunwale."""
+    """Return points on half a hull that narrows towards its end.
+
+    Args:
+        along: position along the hull, 0..1.
+        around: position in the cross-section, -1..1 from gunwale to gunwale.
+        shrink_m: distance of the points inside the outer skin.
+
+    Returns:
+        (..., 3) points.
+    """
     narrow = np.sqrt(np.clip(1 - along**2.5, 0.0, 1))
     turn = around * np.pi / 2
     y = -(HALF_BREADTH_M * narrow - shrink_m) * np.sign(np.sin(turn)) * np.abs(np.sin(turn)) ** 0.7
@@ -46,7 +55,7 @@ def _section(along: FloatArray, around: FloatArray, shrink_m: float) -> FloatArr
 
 
 def _make_half(rng: np.random.Generator) -> list[tuple[Mesh, float]]:
-    """Half a hull with holes in its planking, ribs inside, a bit of deck and a broken mast."""
+    """Make (mesh, reflectivity) of half a hull: planking with holes, ribs, a part of the deck and a broken mast."""
     rows, columns = 70, 90
     along, around = np.meshgrid(np.linspace(0, 0.985, rows), np.linspace(-1, 1, columns), indexing="ij")
     holes = rng.uniform(size=(11, 13, 2)) < 0.13
@@ -67,27 +76,27 @@ def _make_half(rng: np.random.Generator) -> list[tuple[Mesh, float]]:
 
 
 def _keep_planks(centre_m: FloatArray, holes: BoolArray) -> BoolArray:
-    """Tell which faces are left: planks are missing in the same places inside and out."""
+    """Return which faces, (F,) by centre, remain: planks are missing at the same places inside and outside."""
     strake = (centre_m[:, 2] / STRAKE_M).astype(int)
     plank = (centre_m[:, 0] / 0.9 + 0.37 * strake).astype(int)
     whole: BoolArray = ~holes[strake % holes.shape[0], plank % holes.shape[1], (centre_m[:, 1] > 0).astype(int)]
     return whole
 
 
-def _make_litter(rng: np.random.Generator) -> list[Scene]:
-    """Crates, barrels, cannon balls and a length of chain around the wreck."""
+def _make_cargo(rng: np.random.Generator) -> list[Scene]:
+    """Make crates, barrels, cannon balls and a chain around the wreck."""
     parts = []
     for _ in range(26):
         place = (*rng.normal(0, 2.6, 2), rng.uniform(0.05, 0.2))
         turn = (rng.uniform(-np.pi, np.pi), rng.normal(0, 0.2), rng.normal(0, 0.2))
         kind = rng.integers(3)
         if kind == 0:
-            thing = make_box(rng.uniform(0.2, 0.6, 3).tolist())
+            item = make_box(rng.uniform(0.2, 0.6, 3).tolist())
         elif kind == 1:
-            thing = make_pipe(np.array([[-0.4, 0, 0], [0.4, 0, 0]]), 0.22, rng, rough_m=0.004)
+            item = make_pipe(np.array([[-0.4, 0, 0], [0.4, 0, 0]]), 0.22, rng, rough_m=0.004)
         else:
-            thing = make_ball(float(rng.uniform(0.08, 0.18)), 3)
-        parts.append(texture("litter", move_mesh(thing, place, turn), 0.9, rng))
+            item = make_ball(float(rng.uniform(0.08, 0.18)), 3)
+        parts.append(texture("litter", move_mesh(item, place, turn), 0.9, rng))
     bend = np.linspace(0, 1, 60)
     chain = np.stack([-3 + 5 * bend, -2.5 + 0.6 * np.sin(7 * bend), np.full(60, 0.06)], axis=-1)
     parts.append(texture("chain", make_pipe(chain, 0.05, rng, rough_m=0.03), 1.0, rng))

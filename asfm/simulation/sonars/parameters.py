@@ -1,4 +1,4 @@
-"""The simulated sonar's description, with HoloOcean's parameter names as aliases."""
+"""Parameters of the simulated imaging sonar, with HoloOcean's parameter names as aliases."""
 
 from typing import Any
 
@@ -11,21 +11,21 @@ from asfm.types import FloatArray
 
 
 def _holoocean_name(field: str) -> str:
-    """Spell a field as HoloOcean does: range_min -> RangeMin."""
+    """Return HoloOcean's name of a field: range_min -> RangeMin."""
     return "".join(part.capitalize() for part in field.split("_"))
 
 
 MAX_CELLS = 20_000_000
-"""Rays, or pixels, of one ping at most: what a laptop's memory holds."""
-TEXTS = {"name", "Name"}
-SWITCHES = {"multi_path", "MultiPath", "independent_beams", "IndependentBeams"}
+"""Largest number of rays, or of pixels, of one ping: limited by a laptop's memory."""
+TEXT_KEYS = {"name", "Name"}
+SWITCH_KEYS = {"multi_path", "MultiPath", "independent_beams", "IndependentBeams"}
 
 
 class ImagingSonar(BaseModel):
-    """One imaging sonar: its grid, its beams, its noise.
+    """One imaging sonar: pixel grid, beams, echo model and noise.
 
-    Fields are HoloOcean's ImagingSonar parameters in snake case (``range_bins`` is ``RangeBins``; either name is
-    read); units are HoloOcean's: metres and degrees. Those after ``rate_hz`` are asfm's own.
+    Fields are HoloOcean's ImagingSonar parameters in snake case (``range_bins`` is ``RangeBins``; both names are
+    accepted); units are HoloOcean's: metres and degrees. Fields after ``multi_path`` are asfm's own.
     """
 
     model_config = ConfigDict(
@@ -42,59 +42,59 @@ class ImagingSonar(BaseModel):
     """Far edge of the last row, m."""
     range_bins: int = Field(default=512, ge=2)
     azimuth: float = Field(default=120.0, gt=0, lt=180)
-    """Full opening across the beams, deg."""
+    """Full horizontal aperture, deg."""
     azimuth_bins: int = Field(default=512, ge=2)
     elevation: float = Field(default=20.0, gt=0, lt=180)
-    """Full opening in elevation, deg."""
+    """Full elevation aperture, deg."""
     elevation_bins: int = Field(default=420, ge=2)
-    """Rays cast in every beam."""
+    """Rays cast per beam."""
     add_sigma: float = Field(default=0.04, ge=0)
-    """Scale of the additive Rayleigh background, in image units (1 is white)."""
+    """Scale of the additive Rayleigh noise, in image units (1 is white)."""
     mult_sigma: float = Field(default=0.35, ge=0, le=1)
     """Contrast (standard deviation over mean) of the multiplicative speckle."""
     range_sigma: float = Field(default=0.0, ge=0)
-    """Mean of an exponential delay of single echoes, m."""
+    """Mean of the exponentially distributed range delay of single echoes, m."""
     multi_path: bool = False
-    """Add the echoes that come by way of a mirror-like bounce."""
+    """Add the echoes of a second bounce after a specular reflection."""
 
     name: str = "imaging sonar"
     rate_hz: float = Field(default=5.0, gt=0)
     bearings_deg: tuple[float, ...] | None = None
-    """Centre of every beam where the maker's are uneven, starboard (negative) to port; replaces ``azimuth``."""
+    """Centre of every beam where they are spaced unevenly, starboard (negative) to port; replaces ``azimuth``."""
     beam_width_deg: float | None = Field(default=None, gt=0)
-    """Width of one beam at half power (two-way); one column where not given."""
+    """Beam width at half power (two-way); by default one column."""
     pulse_length_m: float | None = Field(default=None, gt=0)
-    """Length of the compressed pulse at half power; one row where not given."""
+    """Length of the compressed pulse at half power; by default one row."""
     side_lobe_db: float = Field(default=-32.0, le=0)
-    """First side lobe of a beam below its main lobe, two-way power."""
+    """First side lobe relative to the main lobe, two-way power."""
     cross_talk_db: float = Field(default=-48.0, le=0)
-    """Power that each beam takes from the mean of all beams at the same range."""
+    """Share of the mean power over all beams at the same range that leaks into each beam."""
     azimuth_edge_db: float = Field(default=-3.0, le=0)
-    """Two-way power of the transmitter towards the outermost beams."""
+    """Two-way power at the outermost beams relative to the axis."""
     elevation_edge_db: float = Field(default=-6.0, le=0)
-    """Two-way power at the edges of the elevation aperture."""
+    """Two-way power at the edges of the elevation aperture relative to the axis."""
     specular_strength: float = Field(default=1.0, ge=0)
-    """Mirror-like part of the echo at normal incidence, relative to the diffuse one."""
+    """Specular part of the echo at normal incidence, relative to the diffuse part."""
     specular_exponent: float = Field(default=24.0, gt=0)
     tvg_exponent: float = 4.0
-    """Time-varying gain in power of range; 4 undoes the two-way spherical spreading."""
+    """Exponent of range in the time-varying gain; 4 compensates the two-way spherical spreading."""
     absorption_db_per_m: float = Field(default=0.0, ge=0)
-    """One-way absorption that the time-varying gain does not undo."""
+    """One-way absorption that the time-varying gain does not compensate."""
     noise_range_exponent: float = 0.0
-    """How the background's scale grows with range: (range / range_max) ** exponent."""
+    """Growth of the noise scale with range: (range / range_max) ** exponent."""
     near_sigma: float = Field(default=0.0, ge=0)
-    """Rayleigh scale of the water's reverberation, at range_min and on the axis, added in power to the background."""
+    """Rayleigh scale of the volume reverberation at range_min on the axis, added in power to the noise."""
     near_exponent: float = Field(default=1.0, ge=0)
-    """How reverberation falls with range: (range_min / range) ** exponent."""
+    """Decrease of reverberation with range: (range_min / range) ** exponent."""
     threshold: float = Field(default=0.0, ge=0, lt=1)
-    """Image value that the sonar takes off every pixel, cutting what is below."""
+    """Image value that the sonar subtracts from every pixel, clipping at 0."""
     independent_beams: bool = False
-    """Noise and speckle are drawn for every beam by itself, as behind an acoustic lens or in HoloOcean; else beams
-    whose lobes overlap hear alike."""
+    """Noise and speckle are independent between beams, as behind an acoustic lens or in HoloOcean; otherwise they are
+    correlated between beams whose lobes overlap."""
     multi_path_db: float = Field(default=-14.0, le=0)
-    """Power that two mirror-like bounces leave of a second-bounce echo."""
+    """Power of a second-bounce echo after two specular reflections, relative to a direct one."""
     gain: float | None = Field(default=None, gt=0)
-    """Image units per root of echo density; set from the scene, as an operator would, where not given."""
+    """Image units per square root of echo density; by default chosen from the scene."""
 
     @model_validator(mode="after")
     def _check(self) -> "ImagingSonar":
@@ -112,19 +112,23 @@ class ImagingSonar(BaseModel):
 
 
 def _check_kinds(settings: dict[str, Any], where: str) -> None:
-    """Refuse text and truth values where a number belongs, which pydantic would convert: they are slips."""
+    """Refuse text and booleans where a number is expected; pydantic would convert them."""
     for key, value in settings.items():
-        if isinstance(value, str) and key not in TEXTS:
+        if isinstance(value, str) and key not in TEXT_KEYS:
             raise AsfmError(f"{where}: sonar parameter {key!r}: expected a number, found {value!r}")
-        if isinstance(value, bool) and key not in SWITCHES:
+        if isinstance(value, bool) and key not in SWITCH_KEYS:
             raise AsfmError(f"{where}: sonar parameter {key!r}: expected a number, found {str(value).lower()}")
 
 
 def parse_sonar(settings: dict[str, Any], where: str) -> ImagingSonar:
-    """Validate settings under HoloOcean's names or ours.
+    """Validate settings under HoloOcean's names or those of :class:`ImagingSonar`.
+
+    Args:
+        settings: parameters by name.
+        where: beginning of error messages, such as the file.
 
     Raises:
-        AsfmError: an unknown key or an impossible value; ``where`` begins the message.
+        AsfmError: a key is unknown or a value invalid.
     """
     known_names = {name for field in ImagingSonar.model_fields for name in (field, _holoocean_name(field))}
     _check_kinds({key: value for key, value in settings.items() if key in known_names}, where)
@@ -145,7 +149,7 @@ def parse_sonar(settings: dict[str, Any], where: str) -> ImagingSonar:
 
 
 def make_sonar_model(sonar: ImagingSonar) -> SonarModel:
-    """Give the pixel grid of a simulated sonar."""
+    """Return the pixel grid of a simulated sonar."""
     aperture_rad = np.deg2rad(sonar.elevation)
     range_m = (sonar.range_min, sonar.range_max)
     if sonar.bearings_deg is None:

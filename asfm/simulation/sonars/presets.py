@@ -1,8 +1,8 @@
-"""Sonars that can be asked for by name.
+"""Sonar presets: parameters of commercial imaging sonars (Oculus, DIDSON, ARIS, BlueView) and of HoloOcean.
 
-Apertures, beam counts, beam widths and frequencies are the makers' values, from the sources named at each; ranges and
-rates are those of everyday work within what the makers allow, and the number of rows follows. How beams are spaced is
-said at each. Noise and echo strength are the simulator's defaults unless a fit is named.
+Apertures, beam counts, beam widths and frequencies are the manufacturers' values, from the sources named at each;
+ranges and rates are typical ones within the manufacturers' limits, and the number of rows follows. Noise and echo
+strength are the simulator's defaults unless a fit is named.
 """
 
 import numpy as np
@@ -14,25 +14,26 @@ from asfm.types import FloatArray
 
 
 def _sine_spaced(outermost_deg: float, beams: int) -> tuple[float, ...]:
-    """Space beams evenly in the sine of the bearing, as the bearing table of recorded Oculus pings is (to 0.01 deg)."""
+    """Space beams evenly in the sine of the bearing, as in the bearing tables of Oculus pings (to 0.01 deg)."""
     end = np.sin(np.deg2rad(outermost_deg))
     return _table(np.rad2deg(np.arcsin(np.linspace(-end, end, beams))))
 
 
 def _didson_spaced(beams: int = 96) -> tuple[float, ...]:
-    """Invert the cubic by which DIDSON's lens maps an angle in degrees to a beam (1..96), as fish counters use it."""
+    """Invert the cubic of DIDSON's lens from angle in degrees to beam number (1..96), as used in fish counting."""
     angle_deg = np.linspace(-16.0, 16.0, 6401)
     beam = 1.012 * (0.0030 * angle_deg**3 - 0.0055 * angle_deg**2 + 2.6829 * angle_deg + 48.04) + 1
     return _table(np.interp(np.arange(1, beams + 1), beam, angle_deg))
 
 
 def _table(bearings_deg: FloatArray) -> tuple[float, ...]:
+    """Round (beams,) bearings to 1e-4 degrees."""
     return tuple(round(float(value), 4) for value in bearings_deg)
 
 
 PRESETS: dict[str, ImagingSonar] = {
     # Source: Blueprint Subsea, "Oculus M-Series" data sheet, M750d at 1.2 MHz: 70 x 12 deg, 0.6 deg, 0.1 to 40 m, up to
-    # 40 Hz. 256 beams are what it sends unless it is asked for 512. Good for boulders and piles from 2 to 6 m.
+    # 40 Hz. It sends 256 beams by default, 512 on request. Suits boulders and piles at 2 to 6 m.
     "oculus_m750d_high": ImagingSonar(
         name="Oculus M750d 1.2 MHz",
         range_min=0.5,
@@ -45,7 +46,7 @@ PRESETS: dict[str, ImagingSonar] = {
         beam_width_deg=0.6,
         rate_hz=5.0,
     ),
-    # Source: the same sheet, M750d at 750 kHz: 130 x 20 deg, 1 deg, 0.1 to 120 m. A wide look for navigation.
+    # Source: the same sheet, M750d at 750 kHz: 130 x 20 deg, 1 deg, 0.1 to 120 m. A wide view for navigation.
     "oculus_m750d_low": ImagingSonar(
         name="Oculus M750d 750 kHz",
         range_min=0.5,
@@ -163,10 +164,10 @@ PRESETS: dict[str, ImagingSonar] = {
 
 
 def find_preset(name: str) -> ImagingSonar:
-    """Give a sonar by name.
+    """Return a sonar by the name of its preset.
 
     Raises:
-        AsfmError: no such preset; the message lists those there are.
+        AsfmError: there is no such preset; the message lists the known ones.
     """
     if name not in PRESETS:
         raise AsfmError(f"unknown sonar preset {name!r}; known: {', '.join(PRESETS)}, or a HoloOcean scenario (.json)")

@@ -1,55 +1,72 @@
-"""What the vehicle's own sensors report: drifting odometry, depth and attitude."""
+"""Simulated navigation sensors: odometry with drift, depth and attitude."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from asfm.geometry.poses import invert, make_pose
+from asfm.geometry.poses import chain_steps, make_pose, steps_between, wrap_angle
 from asfm.types import FloatArray, Navigation, SensorNoise, Trajectory
 
-UPRIGHT = 1e-6
-"""Cosine of the pitch below which there is no roll: poses are good to about this."""
+MIN_COS_PITCH = 1e-6
+"""Cosine of the pitch below which roll is undefined; poses are accurate to about this."""
 
 
 @dataclass(frozen=True)
 class SlowDrift:
-    """The part of odometry's error that stays from step to step: a DVL's scale and mounting, a gyro's bias.
+    """Slowly varying bias of the odometry: scale and misalignment of a DVL, bias of a gyro.
 
-    A first-order Gauss-Markov process on each axis of a step, beginning in its steady state.
+    A first-order Gauss-Markov process on each axis of a step, started in its stationary distribution.
     """
 
     translation_m: float = 0.001
-    """Standard deviation of a step's bias."""
+    """Standard deviation of the bias of a step, each axis."""
     rotation_rad: float = float(np.deg2rad(0.01))
-    """Standard deviation of a step's bias."""
+    """Standard deviation of the bias of a step, each axis."""
     correlation_s: float = 60.0
-    """Time in which the correlation falls to 1/e."""
+    """Time constant: the correlation falls to 1/e."""
 
 
 def simulate_odometry(
     truth: Trajectory, noise: SensorNoise, rng: np.random.Generator, drift: SlowDrift | None = None
 ) -> Trajectory:
-    """Chain noisy steps, beginning at the true first pose.
+    """Simulate dead reckoning: chain noisy steps from the true first pose.
 
-    Every step between frames gets independent Gaussian errors, in the vehicle's frame, of the stated sigmas on each
-    axis of translation and rotation (as a rotation vector), and the slow drift besides.
+    Args:
+        truth: world_from_vehicle.
+        noise: sigma of every step between frames, in the vehicle's frame, on each axis of translation and of rotation
+            (as a rotation vector); the errors are independent and Gaussian.
+        rng: source of the errors.
+        drift: slowly varying bias, added to the errors.
+
+    Returns:
+        The measured world_from_vehicle at the same time stamps, rotations orthonormal.
     """
     poses = truth.world_from_vehicle
-    steps = invert(poses[:-1]) @ poses[1:]
-    slip_m = noise.odometry_translation_m * rng.standard_normal((len(steps), 3))
-    turn_rad = noise.odometry_rotation_rad * rng.standard_normal((len(steps), 3))
+    steps = steps_between(poses)
+    error_m = noise.odometry_translation_m * rng.standard_normal((len(steps), 3))
+    error_rad = noise.odometry_rotation_rad * rng.standard_normal((len(steps), 3))
     if drift is not None:
-        slow = wander(np.diff(truth.timestamps_s), drift.correlation_s, 6, rng)
-        slip_m += drift.translation_m * slow[:, :3]
-        turn_rad += drift.rotation_rad * slow[:, 3:]
-    return Trajectory(
-        truth.timestamps_s, chain_steps(poses[0], steps @ make_pose(slip_m, Rotation.from_rotvec(turn_rad)))
-    )
+        bias = draw_gauss_markov(np.diff(truth.timestamps_s), drift.correlation_s, 6, rng)
+        error_m += drift.translation_m * bias[:, :3]
+        error_rad += drift.rotation_rad * bias[:, 3:]
+    chain = chain_steps(poses[0], steps @ make_pose(error_m, Rotation.from_rotvec(error_rad)))
+    chain = make_pose(chain[:, :3, 3], Rotation.from_matrix(chain[:, :3, :3]))  # orthonormal in spite of rounding
+    return Trajectory(truth.timestamps_s, chain)
 
 
-def wander(elapsed_s: FloatArray, correlation_s: float, axes: int, rng: np.random.Generator) -> FloatArray:
-    """Draw Gauss-Markov processes of unit variance: (N, axes) for (N,) times elapsed since the value before."""
+def draw_gauss_markov(elapsed_s: FloatArray, correlation_s: float, axes: int, rng: np.random.Generator) -> FloatArray:
+    """Draw first-order Gauss-Markov processes of unit variance.
+
+    Args:
+        elapsed_s: (N,) time since the value before.
+        correlation_s: time constant of the exponential correlation.
+        axes: number of independent processes.
+        rng: source of the values.
+
+    Returns:
+        (N, axes) values.
+    """
     keep = np.exp(-elapsed_s / correlation_s)
     draws = rng.standard_normal((len(elapsed_s), axes))
     values = draws.copy()
@@ -58,19 +75,16 @@ def wander(elapsed_s: FloatArray, correlation_s: float, axes: int, rng: np.rando
     return values
 
 
-def chain_steps(first: FloatArray, steps: FloatArray) -> FloatArray:
-    """Multiply (N, 4, 4) relative poses onto a first one. Returns (N + 1, 4, 4), rotations kept orthonormal."""
-    chain = np.empty((len(steps) + 1, 4, 4))
-    chain[0] = first
-    for index, step in enumerate(steps):
-        chain[index + 1] = chain[index] @ step
-    return make_pose(chain[:, :3, 3], Rotation.from_matrix(chain[:, :3, :3]))
-
-
 def simulate_navigation(truth: Trajectory, noise: SensorNoise, rng: np.random.Generator) -> Navigation:
-    """Read depth, roll and pitch of the vehicle at every stamp with Gaussian errors of the stated sigmas.
+    """Simulate depth, roll and pitch of the vehicle at every time stamp.
 
-    Roll stays within half a turn and pitch within a quarter, as an attitude sensor reports them.
+    Args:
+        truth: world_from_vehicle.
+        noise: sigmas of the independent Gaussian errors.
+        rng: source of the errors.
+
+    Returns:
+        The readings; roll stays within -pi..pi and pitch within -pi/2..pi/2, as an attitude sensor reports them.
     """
     poses = truth.world_from_vehicle
     errors = rng.standard_normal((3, len(poses)))
@@ -79,20 +93,18 @@ def simulate_navigation(truth: Trajectory, noise: SensorNoise, rng: np.random.Ge
     return Navigation(
         truth.timestamps_s,
         poses[:, 2, 3] + noise.navigation_z_m * errors[0],
-        np.where(
-            np.abs(noisy_roll_rad) > np.pi, np.remainder(noisy_roll_rad + np.pi, 2 * np.pi) - np.pi, noisy_roll_rad
-        ),
+        np.where(np.abs(noisy_roll_rad) > np.pi, wrap_angle(noisy_roll_rad), noisy_roll_rad),
         np.clip(pitch_rad + noise.navigation_pitch_rad * errors[2], -np.pi / 2, np.pi / 2),
     )
 
 
 def measure_tilt(world_from_vehicle: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Give roll and pitch, (N,) each, of (N, 4, 4) poses whose rotation is Rz(yaw) Ry(pitch) Rx(roll).
+    """Return roll and pitch in radians, (N,) each, of (N, 4, 4) poses, rotation = Rz(yaw) Ry(pitch) Rx(roll).
 
-    The lowest row of the rotation, (-sin pitch, cos pitch sin roll, cos pitch cos roll), is what gravity shows. Where
-    the nose points straight up or down gravity says nothing of roll, which is then 0.
+    The last row of the rotation, (-sin pitch, cos pitch sin roll, cos pitch cos roll), is the direction of gravity.
+    Where the nose points straight up or down (gimbal lock) roll is undefined and returned as 0.
     """
     ahead, aside, up = world_from_vehicle[:, 2, :3].T
     level = np.hypot(aside, up)
-    roll_rad = np.where(level > UPRIGHT, np.arctan2(aside, up), 0.0)
+    roll_rad = np.where(level > MIN_COS_PITCH, np.arctan2(aside, up), 0.0)
     return np.asarray(roll_rad), np.asarray(np.arctan2(-ahead, level))

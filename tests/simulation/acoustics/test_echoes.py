@@ -1,11 +1,8 @@
-"""What a real image has besides direct echoes: second bounces, delays, grain."""
-
-from dataclasses import replace
+"""Echoes: second bounces and range delays in the image, and sectors of beams."""
 
 import numpy as np
 import pytest
 
-from asfm.simulation.acoustics.backscatter import GRAIN_M
 from asfm.simulation.acoustics.echoes import delay_echoes
 from asfm.simulation.acoustics.renderer import Renderer, make_renderer
 from asfm.simulation.scenes.scene import Scene, join_scenes
@@ -43,8 +40,8 @@ def _render(renderer: Renderer) -> ImageArray:
     return renderer.render(renderer.cast(EYE), np.random.default_rng(0))
 
 
-def test_second_bounce_shows_a_ghost_behind_the_mirror() -> None:
-    """The mirror puts the ball's image on the axis at 3 m + 3 m: its near side is the first ghost echo."""
+def test_second_bounce_makes_a_ghost_behind_the_mirror() -> None:
+    """The mirror image of the ball is on the axis at 3 m + 3 m; its near side is the first ghost echo."""
     scene = _mirror_and_ball()
     with_ghost = make_renderer(scene, SONAR.model_copy(update={"multi_path": True}), EYE[None])
     image = _render(with_ghost)
@@ -53,11 +50,11 @@ def test_second_bounce_shows_a_ghost_behind_the_mirror() -> None:
     assert abs(with_ghost.model.bearing_rad[column]) < 3 * with_ghost.model.bearing_step_rad
     without = _render(make_renderer(scene, SONAR, EYE[None]))
     assert without[row - 5 : row + 20].max() < 0.05 * image.max()
-    # Truth knows of no ghosts.
+    # The ground truth has no ghosts.
     assert with_ghost.render_truth(with_ghost.cast(EYE)).clean[row - 5 : row + 20].max() < 0.05 * image.max()
 
 
-def test_ghosts_lose_what_the_mirrors_take() -> None:
+def test_ghosts_lose_the_power_of_the_reflections() -> None:
     scene = _mirror_and_ball()
     loud, soft = (
         _render(make_renderer(scene, SONAR.model_copy(update={"multi_path": True, "multi_path_db": level}), EYE[None]))
@@ -66,7 +63,7 @@ def test_ghosts_lose_what_the_mirrors_take() -> None:
     assert soft.max() == pytest.approx(loud.max() / 10, rel=0.1)  # 20 dB of power are a tenth of the amplitude
 
 
-def test_range_delays_are_exponential_and_only_in_the_image() -> None:
+def test_range_delays_are_exponential_and_not_in_the_truth() -> None:
     ball = Scene("ball", *move_mesh(make_ball(0.3), (4.0, 0.0, 0.0)), np.ones(5120))
     renderer = make_renderer(ball, SONAR.model_copy(update={"range_sigma": 0.2}), EYE[None])
     echoes = renderer.trace(renderer.cast(EYE))
@@ -81,38 +78,8 @@ def test_range_delays_are_exponential_and_only_in_the_image() -> None:
     assert np.nanmax(np.abs(renderer.render_truth(renderer.cast(EYE)).elevation_rad)) < np.arcsin(0.3 / 4) + 0.004
 
 
-def test_grain_stays_with_the_world_as_the_sonar_moves() -> None:
-    """Seen from further ahead, a grainy plate's texture is nearer by the step, and is not where it was."""
-    plate = Scene("plate", *move_mesh(make_sheet((6.0, 6.0), 0.5), (3.5, 0.0, -0.5)), np.ones(288))
-    fine = SONAR.model_copy(update={"range_bins": 1200, "azimuth": 20.0, "elevation_bins": 1500})
-    smooth, rough = (make_renderer(scene, fine, EYE[None]) for scene in (plate, replace(plate, grain=0.8)))
-    step = EYE.copy()
-    step[0, 3] = 10 * GRAIN_M
-    before, after = (
-        rough.render_truth(rough.cast(pose)).clean / np.maximum(smooth.render_truth(smooth.cast(pose)).clean, 1e-3)
-        for pose in (EYE, step)
-    )
-    shift = round(10 * GRAIN_M / rough.model.range_step_m)
-    first, last = 480, 560  # about 3.5 m, where range grows nearly as the way ahead does
-
-    def likeness(rows: int) -> float:
-        return float(
-            np.corrcoef(before[first:last, 40:56].ravel(), after[first - rows : last - rows, 40:56].ravel())[0, 1]
-        )
-
-    assert max(likeness(rows) for rows in range(shift - 2, shift + 3)) > 0.5
-    assert likeness(0) < 0.2
-
-
-def test_grain_keeps_the_mean_echo() -> None:
-    plate = Scene("plate", *move_mesh(make_sheet((6.0, 6.0), 0.5), (3.5, 0.0, -0.5)), np.ones(288))
-    smooth, rough = (make_renderer(scene, SONAR, EYE[None]) for scene in (plate, replace(plate, grain=0.5)))
-    power = [renderer.measure_power(renderer.trace(renderer.cast(EYE))).sum() for renderer in (smooth, rough)]
-    assert power[1] == pytest.approx(power[0], rel=0.02)
-
-
-def test_sectors_join_without_a_seam() -> None:
-    """The image is traced sector by sector, the truth at once; without noise and side lobes they are the same."""
+def test_sectors_join_to_the_image_of_all_beams() -> None:
+    """The image is traced by sectors, the truth at once; without noise and side lobes both are equal."""
     renderer = make_renderer(_mirror_and_ball(), SONAR, EYE[None])
     assert [sector.beams.stop - sector.beams.start for sector in renderer.sectors] == [93, 3]
     assert np.abs(_render(renderer) - renderer.render_truth(renderer.cast(EYE)).clean).max() < 1e-4

@@ -1,98 +1,37 @@
-"""The simulated noise has the statistics that were asked for."""
+"""Point spread of the receiver: pulse, main lobe, side lobes and cross-talk."""
 
 import numpy as np
 import pytest
-from scipy import stats
 
-from asfm.simulation.acoustics.correlated_fields import draw_mix, make_field_bank, mix_energies
-from asfm.simulation.acoustics.receiver import (
-    add_noise,
-    leak_beams,
-    make_point_spread,
-    spread_beams,
-    spread_ranges,
-    sum_beams,
-)
+from asfm.simulation.acoustics.receiver import leak_beams, make_point_spread, spread_beams, spread_ranges, sum_beams
 from asfm.simulation.sonars.parameters import ImagingSonar, make_sonar_model
+from asfm.simulation.sonars.presets import PRESETS
 from asfm.types import ImageArray
 
 SONAR = ImagingSonar(range_bins=300, azimuth_bins=128, azimuth=60)
 MODEL = make_sonar_model(SONAR)
 
 
-def _noisy(level: float, **changes: object) -> ImageArray:
-    sonar = SONAR.model_copy(update=changes)
-    clean = np.full(MODEL.shape, level, dtype=np.float32)
-    return add_noise(clean, sonar, MODEL, np.random.default_rng(3))
+def _point() -> ImageArray:
+    """One beam's echo in one row: (beams, ranges)."""
+    power = np.zeros(MODEL.shape[::-1], dtype=np.float32)
+    power[64, 150] = 1.0
+    return power
 
 
-@pytest.mark.parametrize("sigma", [0.01, 0.08])
-def test_background_is_rayleigh(sigma: float) -> None:
-    background = _noisy(0.0, add_sigma=sigma).ravel()
-    assert stats.kstest(background, stats.rayleigh(scale=sigma).cdf).pvalue > 0.01
-    # The test can fail: a scale 3 % off is found out.
-    assert stats.kstest(background, stats.rayleigh(scale=1.03 * sigma).cdf).pvalue < 0.01
-
-
-@pytest.mark.parametrize("contrast", [0.1, 0.35, 0.52])
-def test_speckle_has_the_contrast_asked_for(contrast: float) -> None:
-    image = _noisy(0.1, add_sigma=0.0, mult_sigma=contrast)
-    assert image.std() / image.mean() == pytest.approx(contrast, rel=0.05)
-    assert image.mean() == pytest.approx(0.1, rel=0.02)
-
-
-def test_beams_that_overlap_hear_alike_and_the_statistics_stay() -> None:
-    """Beams of 0.8 degrees every 0.47: energies correlate as their lobes do; every beam by itself is Rayleigh."""
-    sonar = SONAR.model_copy(update={"beam_width_deg": 0.8, "add_sigma": 0.05, "mult_sigma": 0.35})
-    bank = make_field_bank(make_point_spread(sonar, MODEL).lobe, np.random.default_rng(0))
-    dark, grey = (np.full(MODEL.shape, level, dtype=np.float32) for level in (0.0, 0.1))
-    background = add_noise(dark, sonar, MODEL, np.random.default_rng(1), bank)
-    for beams in (slice(0, None, 9), slice(5, None, 9)):
-        assert stats.kstest(background[:, beams].ravel(), stats.rayleigh(scale=0.05).cdf).pvalue > 0.01
-    energy = background.astype(float) ** 2
-    centred = energy - energy.mean()
-    for away in (1, 2, 3, 8):
-        found = (centred[:, away:] * centred[:, :-away]).mean() / centred.var()
-        # Gaussian lobes of power width w: the field's correlation is exp(-ln 2 (d / w)^2), the energy's its square.
-        expected = np.exp(-2 * np.log(2) * (away * np.rad2deg(MODEL.bearing_step_rad) / 0.8) ** 2)
-        assert found == pytest.approx(expected, abs=0.06)
-    assert abs((centred[1:] * centred[:-1]).mean() / centred.var()) < 0.03
-    speckled = add_noise(grey, sonar.model_copy(update={"add_sigma": 0.0}), MODEL, np.random.default_rng(1), bank)
-    assert speckled.std() / speckled.mean() == pytest.approx(0.35, rel=0.05)
-    speckle, noise = (
-        energies.ravel() for energies in mix_energies(bank, draw_mix(bank, 300, np.random.default_rng(3)))
-    )
-    assert abs(np.corrcoef(speckle, noise)[0, 1]) < 0.02
-    again = add_noise(dark, sonar, MODEL, np.random.default_rng(2), bank)
-    assert abs(np.corrcoef(background.ravel(), again.ravel())[0, 1]) < 0.02
-
-
-def test_noise_stays_in_range_and_off_means_off() -> None:
-    loud = _noisy(0.9, add_sigma=0.5, mult_sigma=0.8)
-    assert loud.dtype == np.float32 and loud.min() >= 0 and loud.max() <= 1
-    assert np.array_equal(_noisy(0.4, add_sigma=0.0, mult_sigma=0.0), np.full(MODEL.shape, 0.4, dtype=np.float32))
-
-
-def test_background_grows_with_range_as_asked() -> None:
-    image = _noisy(0.0, add_sigma=0.05, noise_range_exponent=1.0)
-    by_row = image.mean(axis=1)
-    expected = 0.05 * np.sqrt(np.pi / 2) * MODEL.range_m / SONAR.range_max
-    assert np.polyfit(expected, by_row, 1)[0] == pytest.approx(1.0, abs=0.05)
-
-
-def test_point_spread_keeps_the_power_and_has_the_widths_asked_for() -> None:
+def test_point_spread_preserves_power_and_has_the_requested_widths() -> None:
     sonar = SONAR.model_copy(update={"beam_width_deg": 1.0, "pulse_length_m": 0.1})
     spread = make_point_spread(sonar, MODEL)
-    smeared = spread_beams(spread_ranges(_point(), spread), spread)
-    assert smeared.sum() == pytest.approx(1.0, rel=1e-3)
-    assert smeared.argmax() == 64 * 300 + 150
+    received = spread_beams(spread_ranges(_point(), spread), spread)
+    assert received.sum() == pytest.approx(1.0, rel=1e-3)
+    assert received.argmax() == 64 * 300 + 150
     width_beams = 1.0 / np.rad2deg(MODEL.bearing_step_rad)
-    assert (smeared[:, 150] >= 0.5 * smeared.max()).sum() == pytest.approx(width_beams, abs=1.5)
-    assert (smeared[64] >= 0.5 * smeared.max()).sum() == pytest.approx(0.1 / MODEL.range_step_m, abs=1.5)
+    assert (received[:, 150] >= 0.5 * received.max()).sum() == pytest.approx(width_beams, abs=1.5)
+    assert (received[64] >= 0.5 * received.max()).sum() == pytest.approx(0.1 / MODEL.range_step_m, abs=1.5)
 
 
 @pytest.mark.parametrize("level_db", [-26.0, -40.0])
-def test_strong_echo_leaves_a_ring_at_its_range(level_db: float) -> None:
+def test_side_lobes_form_a_ring_at_the_range_of_a_strong_echo(level_db: float) -> None:
     sonar = SONAR.model_copy(update={"side_lobe_db": level_db, "cross_talk_db": -60.0})
     spread = make_point_spread(sonar, MODEL)
     pulsed = spread_ranges(_point(), spread)
@@ -105,20 +44,54 @@ def test_strong_echo_leaves_a_ring_at_its_range(level_db: float) -> None:
     assert leaked[:, 100].max() == 0
 
 
-def test_some_beams_are_those_of_all() -> None:
-    """A band of beams, of whatever width, is cut from the whole; the lobe and the boxes reach across its borders."""
+def test_selected_beams_equal_those_of_the_whole_image() -> None:
+    """Lobes and side lobes reach across the borders of a selection of beams of any width."""
     sonar = SONAR.model_copy(update={"beam_width_deg": 2.0})
     spread = make_point_spread(sonar, MODEL)
     power = np.random.default_rng(0).random((128, 300), dtype=np.float32)
     total = sum_beams(power, spread)
     lobes, leaks = spread_beams(power, spread), leak_beams(total, spread)
-    for some in (slice(0, 1), slice(3, 50), slice(120, 128)):
-        assert np.allclose(spread_beams(power, spread, some), lobes[some], rtol=1e-5)
-        assert np.array_equal(leak_beams(total, spread, some), leaks[some])
+    for selected in (slice(0, 1), slice(3, 50), slice(120, 128)):
+        assert np.allclose(spread_beams(power, spread, selected), lobes[selected], rtol=1e-5)
+        assert np.array_equal(leak_beams(total, spread, selected), leaks[selected])
 
 
-def _point() -> ImageArray:
-    """One beam's echo in one row: (beams, ranges)."""
-    power = np.zeros(MODEL.shape[::-1], dtype=np.float32)
-    power[64, 150] = 1.0
-    return power
+@pytest.mark.parametrize("preset", PRESETS)
+def test_main_lobe_of_every_sonar_preserves_power_away_from_the_edges(preset: str) -> None:
+    model = make_sonar_model(PRESETS[preset])
+    spread = make_point_spread(PRESETS[preset], model)
+    reach, beams = len(spread.lobe) // 2, len(model.bearing_rad)
+    assert reach < beams // 4
+    np.testing.assert_allclose(spread.lobe_matrix.sum(axis=0), 1, atol=1e-5)
+    assert spread.lobe_matrix.argmax(axis=0).tolist() == list(range(beams))
+
+
+def test_main_lobe_is_gaussian_in_the_sine_of_the_bearing() -> None:
+    """Half power at half the width on the axis; at 60 degrees a line array's lobe is twice as wide in angle."""
+    sonar = ImagingSonar(range_bins=50, azimuth_bins=601, azimuth=150, beam_width_deg=2.0)
+    model = make_sonar_model(sonar)
+    lobes = make_point_spread(sonar, model).lobe_matrix
+    widths_deg = []
+    for bearing_deg in (0.0, 60.0):
+        column = int(model.column_at_bearing(np.array(np.deg2rad(bearing_deg))))
+        widths_deg.append((lobes[:, column] >= 0.5 * lobes[column, column]).sum() * np.rad2deg(model.bearing_step_rad))
+    assert widths_deg == pytest.approx([2.0, 4.0], abs=0.3)
+
+
+def test_cross_talk_spreads_a_share_of_the_mean_over_all_beams() -> None:
+    sonar = SONAR.model_copy(update={"side_lobe_db": -300.0, "cross_talk_db": -20.0})
+    spread = make_point_spread(sonar, MODEL)
+    leaked = leak_beams(sum_beams(_point(), spread), spread)
+    np.testing.assert_allclose(leaked[:, 150], 0.01 / 128, rtol=1e-4)
+    assert leaked[:, :150].max() == leaked[:, 151:].max() == 0
+
+
+def test_side_lobes_are_sums_over_boxes_of_beams() -> None:
+    """The cumulative sums give the same as adding the beams of every box one by one."""
+    spread = make_point_spread(SONAR, MODEL)
+    power = np.random.default_rng(1).random((128, 300), dtype=np.float32)
+    expected = np.full((128, 300), spread.cross_talk * power.mean(axis=0), dtype=float)
+    for half, level in spread.side_lobes:
+        for beam in range(128):
+            expected[beam] += level * power[max(beam - half, 0) : beam + half + 1].sum(axis=0, dtype=float)
+    np.testing.assert_allclose(leak_beams(sum_beams(power, spread), spread), expected, rtol=1e-3)

@@ -1,4 +1,4 @@
-"""The simulated image shows things where they are."""
+"""Rendered images: objects at their range, bearing and elevation, shadows, layover and orientation."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def _ball(centre_m: FloatArray, radius_m: float, subdivisions: int = 4) -> Scene
 def _render(scene: Scene, pose: FloatArray, sonar: ImagingSonar = SONAR) -> tuple[Renderer, ImageArray, FloatArray]:
     renderer = make_renderer(scene, sonar.model_copy(update={"gain": 1.0}), pose[None])
     echoes = renderer.trace(renderer.cast(pose))
-    return renderer, np.sqrt(renderer.measure_power(echoes)), average_elevation(echoes, renderer.model.shape)
+    return renderer, np.sqrt(renderer.compute_power(echoes)), average_elevation(echoes, renderer.model.shape)
 
 
 @pytest.mark.parametrize("case", range(12))
@@ -47,18 +47,20 @@ def test_small_ball_is_brightest_at_its_nearest_point(case: int) -> None:
     row, column = np.unravel_index(amplitude.argmax(), amplitude.shape)
     assert abs(model.range_m[row] - range_m) <= model.range_step_m
     assert abs(model.bearing_rad[column] - bearing_rad) <= model.bearing_step_rad
-    # Each echoing pixel's elevation puts it on the ball's surface as seen from the sonar.
+    # The elevation of each echoing pixel lies within the ball as seen from the sonar.
     rows, columns = np.nonzero(np.isfinite(elevation))
     assert len(rows)
     spread_rad = np.arcsin(radius_m / (range_m + radius_m))
     assert np.all(np.abs(elevation[rows, columns] - elevation_rad) <= spread_rad + np.deg2rad(0.2))
     error = elevation[row, column] - elevation_rad
-    if abs(elevation_rad) + spread_rad < model.elevation_aperture_rad / 2:  # where the aperture cuts, the mean shifts
+    if (
+        abs(elevation_rad) + spread_rad < model.elevation_aperture_rad / 2
+    ):  # the aperture does not cut the ball, which would shift the mean
         assert abs(error) <= np.deg2rad(0.2)
 
 
 @pytest.mark.parametrize("preset", PRESETS)
-def test_small_ball_is_where_it_is_for_every_sonar(preset: str) -> None:
+def test_small_ball_is_at_its_range_bearing_and_elevation_for_every_sonar(preset: str) -> None:
     sonar, rng = PRESETS[preset], np.random.default_rng(len(preset))
     for _ in range(4):
         range_m = rng.uniform(sonar.range_min + 0.1, sonar.range_max - 0.3)
@@ -76,7 +78,7 @@ def test_small_ball_is_where_it_is_for_every_sonar(preset: str) -> None:
 
 
 def test_elevation_of_a_slanted_plate_is_that_of_the_plane() -> None:
-    """On a plane every pixel has one elevation that follows from its range and bearing."""
+    """On a plane the elevation of a pixel follows from its range and bearing."""
     normal = np.array([-0.35, 0.15, 0.8])
     normal /= np.linalg.norm(normal)
     offset = normal @ [3.0, 0.0, -0.2]
@@ -87,7 +89,7 @@ def test_elevation_of_a_slanted_plate_is_that_of_the_plane() -> None:
     rows, columns = np.nonzero(np.isfinite(elevation))
     assert len(rows) > 5000
     points = back_project(renderer.model.range_m[rows], renderer.model.bearing_rad[columns], elevation[rows, columns])
-    # Half a row and half a column are the pixel's own; what remains in elevation is checked along the slope.
+    # The error is converted to elevation along the slope; half a row and column are the size of the pixel.
     tilt = np.stack(
         [
             back_project(
@@ -102,7 +104,7 @@ def test_elevation_of_a_slanted_plate_is_that_of_the_plane() -> None:
 
 
 def test_starboard_is_column_zero_and_near_is_row_zero() -> None:
-    """Three unlike balls: a mirrored bearing, a flipped range or a swapped elevation each misses one of them."""
+    """Three balls without symmetry: a mirrored bearing, range or elevation misses at least one of them."""
     places = [(2.0, np.deg2rad(-25.0), np.deg2rad(4.0)), (3.5, np.deg2rad(10.0), np.deg2rad(-5.0)), (5.0, 0.35, 0.0)]
     balls = [_ball(back_project(np.array(r + 0.05), np.array(b), e), 0.05) for r, b, e in places]
     _, amplitude, elevation = _render(join_scenes("balls", balls), EYE)
@@ -116,8 +118,8 @@ def test_starboard_is_column_zero_and_near_is_row_zero() -> None:
     assert amplitude[:, : columns // 2].max(axis=1).argmax() < rows // 2  # starboard holds only the near ball
 
 
-def test_things_cast_shadows_and_lay_over() -> None:
-    """Behind a ball in front of a wall the wall is dark; wall and ball at one range share their pixels."""
+def test_objects_cast_shadows_and_lay_over() -> None:
+    """A ball casts a shadow on the wall behind it; wall and ball at the same range share pixels."""
     wall = trimesh.creation.box(extents=(0.1, 12, 12))
     scene = Scene("wall", wall.vertices + np.array([4.05, 0, 0]), np.asarray(wall.faces), np.ones(len(wall.faces)))
     ball = _ball(np.array([2.0, 0.0, 0.0]), 0.4)
@@ -148,8 +150,8 @@ def test_empty_mesh_is_refused() -> None:
         RayCaster(empty)
 
 
-def test_geometry_moves_with_the_pose() -> None:
-    """The same relative pose gives the same picture wherever scene and sonar stand."""
+def test_image_depends_only_on_the_relative_pose() -> None:
+    """The same relative pose gives the same image wherever scene and sonar are."""
     from scipy.spatial.transform import Rotation
 
     ball = _ball(np.array([3.0, 0.4, -0.1]), 0.3)

@@ -1,4 +1,4 @@
-"""The DIDSON preset's noise is that of a real DIDSON in empty water."""
+"""Noise of the DIDSON preset compared with recorded pings of empty water."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from asfm.simulation.acoustics.receiver import add_noise
+from asfm.simulation.acoustics.noise import add_noise
 from asfm.simulation.sonars.parameters import make_sonar_model
 from asfm.simulation.sonars.presets import PRESETS
 from asfm.types import FloatArray
@@ -15,8 +15,8 @@ from asfm.types import FloatArray
 ZONES = [slice(0, 64), slice(64, 128), slice(128, 256), slice(256, 512)]
 
 
-def _share_up_to(counts: NDArray[np.uint8]) -> FloatArray:
-    """Cumulative distribution of 8-bit values."""
+def _cumulative_distribution(counts: NDArray[np.uint8]) -> FloatArray:
+    """Return the (256,) cumulative distribution of 8-bit values."""
     return np.asarray(np.cumsum(np.bincount(counts.ravel(), minlength=256)) / counts.size)
 
 
@@ -37,15 +37,20 @@ def simulated() -> NDArray[np.uint8]:
     return np.round(255 * np.stack(pings)).astype(np.uint8)
 
 
-def test_pings_of_empty_water_are_distributed_alike(recorded: NDArray[np.uint8], simulated: NDArray[np.uint8]) -> None:
-    """Kolmogorov's distance over all pixels, and in each zone of ranges."""
+def test_simulated_and_recorded_pings_have_the_same_distribution(
+    recorded: NDArray[np.uint8], simulated: NDArray[np.uint8]
+) -> None:
+    """Kolmogorov-Smirnov distance over all pixels, and in each interval of ranges."""
     assert recorded.shape[1:] == simulated.shape[1:]
-    assert np.abs(_share_up_to(recorded) - _share_up_to(simulated)).max() < 0.02
+    assert np.abs(_cumulative_distribution(recorded) - _cumulative_distribution(simulated)).max() < 0.02
     for zone in ZONES:
-        assert np.abs(_share_up_to(recorded[:, zone]) - _share_up_to(simulated[:, zone])).max() < 0.04
+        assert (
+            np.abs(_cumulative_distribution(recorded[:, zone]) - _cumulative_distribution(simulated[:, zone])).max()
+            < 0.04
+        )
 
 
-def test_reverberation_falls_with_range_and_off_the_axis(
+def test_reverberation_decreases_with_range_and_off_the_axis(
     recorded: NDArray[np.uint8], simulated: NDArray[np.uint8]
 ) -> None:
     for pings in (recorded, simulated):
@@ -54,8 +59,8 @@ def test_reverberation_falls_with_range_and_off_the_axis(
         assert dark[:48, :8].mean() > 0.6
 
 
-def test_a_white_background_of_one_scale_would_not_do(recorded: NDArray[np.uint8]) -> None:
-    """The test above can fail: plain Rayleigh noise of the same mean is nothing like the pings."""
+def test_uniform_rayleigh_noise_does_not_have_that_distribution(recorded: NDArray[np.uint8]) -> None:
+    """The comparison is sensitive: Rayleigh noise of one scale with the same mean is far from the pings."""
     scale = recorded.mean() / np.sqrt(np.pi / 2)
     plain = np.round(np.random.default_rng(0).rayleigh(scale, recorded.shape[1:])).astype(np.uint8)
-    assert np.abs(_share_up_to(recorded) - _share_up_to(plain)).max() > 0.2
+    assert np.abs(_cumulative_distribution(recorded) - _cumulative_distribution(plain)).max() > 0.2

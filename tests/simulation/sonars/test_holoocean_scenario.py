@@ -1,4 +1,4 @@
-"""A HoloOcean scenario describes the sonar, and a simulated sequence can be written as HoloOcean would."""
+"""HoloOcean scenarios converted to parameters of the simulated sonar."""
 
 import json
 from pathlib import Path
@@ -8,15 +8,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from asfm.datasets import open_sequence
 from asfm.errors import AsfmError
 from asfm.geometry.poses import invert
-from asfm.simulation.acoustics.receiver import add_noise
-from asfm.simulation.holoocean_writer import describe_scenario, write_pickles
+from asfm.simulation.acoustics.noise import add_noise
 from asfm.simulation.simulate import simulate
 from asfm.simulation.sonars.holoocean_scenario import read_mounted_sonar
-from asfm.simulation.sonars.parameters import ImagingSonar, make_sonar_model
-from asfm.simulation.sonars.presets import PRESETS
+from asfm.simulation.sonars.parameters import make_sonar_model
 
 
 def _write(path: Path, sensor: dict[str, Any] | None = None, **configuration: Any) -> Path:
@@ -26,7 +23,7 @@ def _write(path: Path, sensor: dict[str, Any] | None = None, **configuration: An
     return path
 
 
-def test_scenario_of_the_public_recording_is_read(shared_data: Path) -> None:
+def test_scenario_of_a_public_recording_is_read(shared_data: Path) -> None:
     scenario = read_mounted_sonar(shared_data / "holoocean_boat" / "Config.json")
     sonar = scenario.sonar
     assert (sonar.range_bins, sonar.azimuth_bins, sonar.range_max) == (512, 96, 8.0)
@@ -45,17 +42,6 @@ def test_resolutions_and_covariances_become_bins_and_sigmas(tmp_path: Path) -> N
     assert (sonar.range_bins, sonar.azimuth_bins) == (400, 120)
     assert sonar.add_sigma == pytest.approx(0.2)
     assert sonar.mult_sigma == 0 and sonar.independent_beams  # HoloOcean's defaults, not ours
-
-
-def test_description_reads_back(tmp_path: Path) -> None:
-    sonar = ImagingSonar(
-        range_bins=64, azimuth_bins=32, range_max=6, add_sigma=0.1, multi_path=True, noise_range_exponent=2
-    )
-    path = tmp_path / "b.json"
-    path.write_text(json.dumps(describe_scenario(sonar, "pier")), encoding="utf-8")
-    again = read_mounted_sonar(path).sonar
-    same = {"name", "rate_hz", "independent_beams"}
-    assert again.model_dump(exclude=same) == sonar.model_dump(exclude=same)
 
 
 @pytest.mark.parametrize(
@@ -94,7 +80,7 @@ def test_description_reads_back(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_bad_scenario_is_one_clear_line(
+def test_invalid_scenario_is_one_line_with_file_key_and_value(
     tmp_path: Path, sensor: dict[str, Any], configuration: dict[str, Any], message: str
 ) -> None:
     path = _write(tmp_path / "bad.json", sensor, **configuration)
@@ -104,7 +90,7 @@ def test_bad_scenario_is_one_clear_line(
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "3", '{"agents": []}', '{"agents": [{"sensors": 5}]}', "[" * 5000])
-def test_what_is_no_scenario_is_refused(tmp_path: Path, text: str) -> None:
+def test_files_without_a_scenario_are_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "none.json"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(AsfmError, match=r"none\.json"):
@@ -178,7 +164,7 @@ REALISTIC: dict[str, Any] = {
 }
 
 
-def test_realistic_scenario_is_read_whole_and_simulated(tmp_path: Path) -> None:
+def test_realistic_scenario_is_read_completely_and_simulated(tmp_path: Path) -> None:
     path = tmp_path / "survey.json"
     path.write_text(json.dumps(REALISTIC), encoding="utf-8")
     scenario = read_mounted_sonar(path)
@@ -192,7 +178,7 @@ def test_realistic_scenario_is_read_whole_and_simulated(tmp_path: Path) -> None:
     assert simulated.sequence.sonar.range_edges_m[[0, -1]] == pytest.approx([0.5, 8.0])
 
 
-def test_sonar_is_the_main_agents_and_others_are_told_of(tmp_path: Path) -> None:
+def test_first_sonar_of_the_main_agent_is_simulated_with_a_diagnostic(tmp_path: Path) -> None:
     first, second = ({"sensor_type": "ImagingSonar", "configuration": {"RangeMax": reach}} for reach in (3, 7))
     agents = [{"agent_name": "a", "sensors": [first]}, {"agent_name": "b", "sensors": [second]}]
     path = tmp_path / "two.json"
@@ -205,8 +191,8 @@ def test_sonar_is_the_main_agents_and_others_are_told_of(tmp_path: Path) -> None
     assert simulate("tank", str(path), frame_count=1).sequence.diagnostics[0] == scenario.diagnostics[0]
 
 
-def test_noise_is_that_of_holooceans_formula(tmp_path: Path) -> None:
-    """Drawn by its own words: echo x (0.5 + normal) + Rayleigh x (range / RangeMax)^2 where noise is scaled."""
+def test_noise_follows_holooceans_formula(tmp_path: Path) -> None:
+    """Documented formula: echo x (0.5 + normal) + Rayleigh x (range / RangeMax)^2 with ScaleNoise."""
     rng = np.random.default_rng(0)
     keys: dict[str, Any] = {"RangeBins": 400, "AzimuthBins": 256, "AddSigma": 0.08, "MultSigma": 0.1}
     sonar = read_mounted_sonar(_write(tmp_path / "a.json", ScaleNoise=True, **keys)).sonar
@@ -223,7 +209,7 @@ def test_noise_is_that_of_holooceans_formula(tmp_path: Path) -> None:
         assert stats.ks_2samp(ours[rows].ravel(), theirs[rows].ravel()).pvalue > 0.01
 
 
-def test_lever_arm_of_the_scenario_is_kept(tmp_path: Path) -> None:
+def test_lever_arm_of_the_scenario_moves_the_vehicle_not_the_sonar(tmp_path: Path) -> None:
     grid = {"RangeMin": 0.5, "RangeMax": 8, "RangeBins": 100, "AzimuthBins": 64, "Azimuth": 70, "Elevation": 12}
     path = _write(tmp_path / "a.json", {"location": [0.6, 0.1, -0.2], "rotation": [0, 30, 0], "Hz": 4}, **grid)
     simulated = simulate("tank", str(path), frame_count=3)
@@ -231,32 +217,7 @@ def test_lever_arm_of_the_scenario_is_kept(tmp_path: Path) -> None:
     mount = simulated.sequence.vehicle_from_sonar
     assert mount[:3, 3] == pytest.approx([0.6, 0.1, -0.2])
     assert simulated.sequence.groundtruth is not None and bare.sequence.groundtruth is not None
-    # The sonar goes the same way; the vehicle around it is where the lever arm says.
+    # The sonar moves along the same path; the vehicle's poses follow from the lever arm.
     sonar_poses = bare.sequence.groundtruth.world_from_vehicle
     assert simulated.sequence.groundtruth.world_from_vehicle == pytest.approx(sonar_poses @ invert(mount))
     assert np.array_equal(simulated.read_truth(2).clean, bare.read_truth(2).clean)
-
-
-def test_pickles_are_what_the_reader_reads(tmp_path: Path) -> None:
-    simulated = simulate("tank", "holoocean", frame_count=3)
-    steps: list[tuple[int, int]] = []
-    write_pickles(tmp_path / "out", simulated, progress=lambda done, total: steps.append((done, total)))
-    assert steps == [(1, 3), (2, 3), (3, 3)]
-    again = open_sequence(tmp_path / "out")
-    assert again.kind == "holoocean" and len(again) == 3
-    assert np.array_equal(again.read_frame(1).image, simulated.sequence.read_frame(1).image)
-    assert again.groundtruth is not None and simulated.sequence.groundtruth is not None
-    assert again.groundtruth.world_from_vehicle == pytest.approx(simulated.sequence.groundtruth.world_from_vehicle)
-    assert again.sonar.bearing_rad == pytest.approx(simulated.sequence.sonar.bearing_rad)
-    assert again.sonar.range_m == pytest.approx(simulated.sequence.sonar.range_m)
-    with pytest.raises(AsfmError, match="out"):
-        write_pickles(tmp_path / "out", simulated)
-    write_pickles(tmp_path / "out", simulated, overwrite=True)
-
-
-def test_uneven_beams_cannot_be_pickled(tmp_path: Path) -> None:
-    simulated = simulate("tank", "didson", frame_count=1)
-    with pytest.raises(AsfmError, match="uneven beams"):
-        write_pickles(tmp_path / "out", simulated)
-    assert list(tmp_path.iterdir()) == []
-    assert PRESETS["didson"].bearings_deg is not None

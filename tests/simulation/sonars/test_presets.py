@@ -1,4 +1,4 @@
-"""Each sonar that can be asked for by name is the maker's, and its statistics are those it states."""
+"""Sonar presets: within the data sheets, uneven beams, noise statistics, reproducible bytes."""
 
 import hashlib
 import os
@@ -11,14 +11,15 @@ from scipy import stats
 
 from asfm.datasets.aris.lenses import beam_centres_rad
 from asfm.simulation.acoustics.correlated_fields import make_field_bank
-from asfm.simulation.acoustics.receiver import add_noise, make_point_spread
+from asfm.simulation.acoustics.noise import add_noise
+from asfm.simulation.acoustics.receiver import make_point_spread
 from asfm.simulation.simulate import simulate
 from asfm.simulation.sonars.parameters import make_sonar_model
 from asfm.simulation.sonars.presets import PRESETS
 from asfm.types import ImageArray
 
 SHEETS = {
-    # horizontal aperture, vertical aperture, deg; beams; nearest and farthest m the maker allows; most Hz
+    # horizontal aperture, vertical aperture, deg; beams; smallest and largest range in m; largest rate in Hz
     "oculus_m750d_high": (70, 12, 256, 0.1, 40, 40),
     "oculus_m750d_low": (130, 20, 256, 0.1, 120, 40),
     "oculus_m1200d_high": (60, 12, 512, 0.1, 10, 40),
@@ -31,7 +32,7 @@ SHEETS = {
 
 
 @pytest.mark.parametrize("name", PRESETS)
-def test_preset_is_within_the_makers_sheet(name: str) -> None:
+def test_preset_is_within_the_data_sheet(name: str) -> None:
     azimuth, elevation, beams, nearest_m, farthest_m, fastest_hz = SHEETS[name]
     sonar = PRESETS[name]
     assert (sonar.azimuth, sonar.elevation, sonar.azimuth_bins) == (azimuth, elevation, beams)
@@ -41,7 +42,7 @@ def test_preset_is_within_the_makers_sheet(name: str) -> None:
     assert edges_deg.sum() == pytest.approx(0, abs=0.4)
 
 
-def test_lenses_and_arrays_space_their_beams_unevenly() -> None:
+def test_beams_of_lenses_and_line_arrays_are_uneven() -> None:
     aris = np.deg2rad(np.array(PRESETS["aris_3000"].bearings_deg))
     assert aris == pytest.approx(beam_centres_rad(128, telephoto=False), abs=1e-5)
     oculus = np.sin(np.deg2rad(np.array(PRESETS["oculus_m750d_low"].bearings_deg)))
@@ -52,7 +53,7 @@ def test_lenses_and_arrays_space_their_beams_unevenly() -> None:
 
 
 def _draw(name: str, level: float, **changes: float) -> ImageArray:
-    """One noisy frame of a sonar with the changes, on a clean image of one value."""
+    """Add the noise of a sonar with the changes to a clean image of one value."""
     flat = {"near_sigma": 0.0, "threshold": 0.0, "noise_range_exponent": 0.0}
     sonar = PRESETS[name].model_copy(update=flat | changes)
     model = make_sonar_model(sonar)
@@ -62,7 +63,7 @@ def _draw(name: str, level: float, **changes: float) -> ImageArray:
 
 
 @pytest.mark.parametrize("name", PRESETS)
-def test_noise_of_every_sonar_has_the_statistics_asked_for(name: str) -> None:
+def test_noise_of_every_sonar_has_the_requested_statistics(name: str) -> None:
     apart = _draw(name, 0.0, add_sigma=0.03)[:, ::16]  # beams whose lobes do not overlap
     assert stats.kstest(apart.ravel(), stats.rayleigh(scale=0.03).cdf).pvalue > 0.01
     assert stats.kstest(apart.ravel(), stats.rayleigh(scale=0.031).cdf).pvalue < 0.01

@@ -6,17 +6,17 @@ import pytest
 from asfm.config import Config
 from asfm.diagnostics import Diagnostic
 from asfm.geometry.poses import invert
-from asfm.simulation.track_simulation import Floor, make_floor
+from asfm.simulation.track_simulation import TrackSimulation, simulate_tracks
 from asfm.types import Landmarks, Reconstruction, Trajectory
 from tools.benchmark.accuracy import Accuracy, EvaluatedSequence, _compare, describe_accuracy
 
 
 @pytest.fixture(scope="module")
-def floor() -> Floor:
-    return make_floor(6, 10, (3, 6), "sway", 1.0, navigation=False)
+def floor() -> TrackSimulation:
+    return simulate_tracks(6, 10, (3, 6), "sway", 1.0, navigation=False)
 
 
-def compare(floor: Floor, mode: str, code: str) -> Accuracy:
+def compare(floor: TrackSimulation, mode: str, code: str) -> Accuracy:
     """Compare the true poses, moved into a world of their own for the sonar alone, with the truth."""
     assert floor.sequence.groundtruth is not None
     truth = floor.sequence.groundtruth.world_from_vehicle
@@ -43,7 +43,7 @@ def compare(floor: Floor, mode: str, code: str) -> Accuracy:
 
 
 @pytest.mark.parametrize("mode", ["odometry", "sonar"])
-def test_exact_poses_have_no_error_in_either_world(floor: Floor, mode: str) -> None:
+def test_exact_poses_have_no_error_in_either_world(floor: TrackSimulation, mode: str) -> None:
     run = compare(floor, mode, "navigation-gap")
     assert run.ate_m == pytest.approx(0, abs=1e-9) and run.odometry_ate_m is not None
     assert run.nees is not None and (run.nees.position, run.nees.attitude) == pytest.approx((0, 0), abs=1e-9)
@@ -53,7 +53,7 @@ def test_exact_poses_have_no_error_in_either_world(floor: Floor, mode: str) -> N
 
 
 @pytest.mark.parametrize(("code", "flagged"), [("position-uncertainty", True), ("navigation-gap", False)])
-def test_a_run_is_flagged_by_the_code_of_its_diagnostic(floor: Floor, code: str, flagged: bool) -> None:
+def test_a_run_is_flagged_by_the_code_of_its_diagnostic(floor: TrackSimulation, code: str, flagged: bool) -> None:
     run = compare(floor, "odometry", code)
     assert run.flagged is flagged
     assert ("flagged as not to be trusted" in describe_accuracy(run)) is flagged

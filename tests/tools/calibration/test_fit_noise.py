@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from asfm.simulation.acoustics.receiver import add_noise
+from asfm.simulation.acoustics.noise import add_noise
 from asfm.simulation.sonars.parameters import make_sonar_model
 from asfm.simulation.sonars.presets import PRESETS
 from tools.calibration.fit_noise import FITTED, fit_noise, main, measure_fit, read_pings

@@ -1,0 +1,79 @@
+"""Scenes from mesh files, and files that are refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from asfm.errors import AsfmError
+from asfm.simulation.simulate import simulate
+
+
+def _save(mesh: trimesh.Trimesh, path: Path) -> str:
+    mesh.export(path)
+    return str(path)
+
+
+def test_mesh_file_is_read_as_a_scene(tmp_path: Path) -> None:
+    box = trimesh.creation.box(extents=(2.0, 1.0, 1.0))
+    simulated = simulate(_save(box, tmp_path / "crate.obj"), frame_count=20)
+    assert simulated.scene.name == "crate"
+    assert simulated.sequence.diagnostics == ()
+    assert len(simulated.scene.faces) > 500  # subdivided to carry texture
+    assert np.isfinite(simulated.read_truth(0).elevation_rad).any()
+
+
+def test_mesh_far_from_the_origin_is_rendered_with_the_same_precision(tmp_path: Path) -> None:
+    """Coordinates of a survey grid (hundreds of kilometres) do not coarsen the image."""
+    box = trimesh.creation.box(extents=(2.0, 1.0, 1.0))
+    here = simulate(_save(box, tmp_path / "here.ply"), frame_count=2)
+    box.apply_translation([500_000.0, 4_000_000.0, -10.0])
+    there = simulate(_save(box, tmp_path / "there.obj"), frame_count=2)
+    seen = [np.isfinite(simulated.read_truth(1).elevation_rad).mean() for simulated in (here, there)]
+    assert seen[0] > 0.01 and seen[1] == pytest.approx(seen[0], rel=0.05)
+
+
+def test_open_mesh_is_simulated_with_a_diagnostic(tmp_path: Path) -> None:
+    sheet = trimesh.Trimesh([[0, -3, 0], [0, 3, 0], [0, 0, 3]], [[0, 1, 2]])
+    simulated = simulate(_save(sheet, tmp_path / "sheet.stl"), frame_count=3)
+    opened = [found for found in simulated.sequence.diagnostics if found.code == "open-mesh"]
+    assert len(opened) == 1 and "sheet is open" in opened[0].message
+    assert np.isfinite(simulated.read_truth(1).elevation_rad).any()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("none.obj", None, "none.obj: expected a mesh file, found none"),
+        ("empty.obj", b"", "empty.obj: "),
+        ("words.stl", b"solid nothing of the kind", "words.stl: "),
+        ("bytes.glb", b"\x00\x01\x02\x03" * 9, "bytes.glb: cannot read a mesh"),
+        ("notes.txt", b"hello", "notes.txt: expected a mesh such as .obj, .ply, .stl or .glb, found .txt"),
+        ("bare", b"hello", "bare: expected a mesh such as .obj, .ply, .stl or .glb, found no suffix"),
+        ("point.obj", b"v 0 0 0\n", "point.obj: "),
+        ("nan.obj", b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "nan.obj: expected finite vertices"),
+        ("line.obj", b"v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "line.obj: .* found only faces without an area"),
+        ("index.obj", b"v 0 0 0\nv 1 0 0\nv 2 1 0\nf 1 2 9\n", "index.obj: cannot read a mesh"),
+        (
+            "vast.obj",
+            b"v 1e300 0 0\nv -1e300 0 0\nv 0 1e300 0\nf 1 2 3\n",
+            r"metres, 100000 m across at most, found 2e\+300",
+        ),
+        (
+            "short.stl",
+            trimesh.creation.box().export(file_type="stl")[:300],
+            "short.stl: cannot read a mesh: the file is",
+        ),
+        ("short.ply", trimesh.creation.box().export(file_type="ply")[:300], "short.ply: cannot read a mesh"),
+        ("short.glb", trimesh.creation.box().export(file_type="glb")[:200], "short.glb: cannot read a mesh"),
+    ],
+)
+def test_invalid_mesh_file_is_one_line_with_file_and_cause(
+    tmp_path: Path, name: str, content: bytes | None, message: str
+) -> None:
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(AsfmError, match=message) as caught:
+        simulate(str(tmp_path / name))
+    assert "\n" not in str(caught.value)
