@@ -10,9 +10,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("asfm", "frontend", "backend")
 ARRAYS = re.compile(r"\b(FloatArray|IntArray|BoolArray|ImageArray|Descriptors|NDArray|ndarray)\b")
-SHAPE = re.compile(
-    r"\([A-Za-z0-9_+*. /-]*(, ?[A-Za-z0-9_+*. /-]+)+\)|\([A-Z][a-z]?,\)|\(\d,\)|\b\d x \d\b|shape|See :|\b4 x 4\b"
-)
+DIMENSION = r"[A-Za-z0-9_+*. /-]+"
+SHAPE = re.compile(rf"\({DIMENSION}(, ?{DIMENSION})+\)|\({DIMENSION},\)|\d x \d\b|shape|See :")
 """(N,), (N, 4, 4), (ranges, beams), or a reference to where the shapes are stated."""
 REQUIRED_SHARE = 0.95
 

@@ -89,7 +89,7 @@ def depth_roll_pitch(pose: FloatArray) -> FloatArray:
 
 
 def wrap_angle(angle_rad: FloatArray) -> FloatArray:
-    """Wrap angles in radians to -pi (included) .. pi (excluded)."""
+    """Wrap angles (...,) in radians to -pi (included) .. pi (excluded)."""
     return np.asarray(np.remainder(angle_rad + np.pi, 2 * np.pi) - np.pi)
 
 

@@ -56,7 +56,7 @@ class TriangulatedTracks:
 
     @cached_property
     def by_frame(self) -> list[IntArray]:
-        """Indices of the observations of each frame."""
+        """Indices (K,) of the observations of each frame."""
         return self.tracks.by_frame(len(self.keypoints))
 
     @cached_property

@@ -66,7 +66,7 @@ def _apply_noise(
 
 
 def weibull_speckle(energy: ImageArray, contrast: float) -> ImageArray:
-    """Turn exponential energies into Weibull amplitudes of mean 1 and a given standard deviation (contrast).
+    """Turn (ranges, beams) exponential energies into Weibull amplitudes of mean 1 and standard deviation ``contrast``.
 
     Fully developed speckle is the case of contrast 0.523 (Rayleigh). The contrast is lower for several looks or facets
     per pixel, and higher for few strong scatterers.

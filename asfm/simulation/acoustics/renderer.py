@@ -80,7 +80,7 @@ class Renderer:
         return np.ascontiguousarray(spread_beams(pulsed, self.spread).T)
 
     def display(self, power: ImageArray) -> ImageArray:
-        """Turn echo density into image values in 0..1: amplitude times gain, 1 - exp(-x) as a soft limit."""
+        """Turn (ranges, beams) echo density into image values in 0..1: 1 - exp(-gain * amplitude), a soft limit."""
         value: ImageArray = np.sqrt(power)
         value *= np.float32(-self.gain)
         return np.negative(np.expm1(value, out=value), out=value)

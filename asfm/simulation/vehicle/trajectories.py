@@ -87,32 +87,32 @@ def _move_target(view: View, forward_m: FloatArray, port_m: FloatArray) -> Float
 
 
 def sway(view: View, times_s: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Move forward at 0.12 m/s with a large sway in all six axes."""
+    """Move forward at 0.12 m/s with a large sway in all six axes: (N, 4, 4) poses."""
     ahead_m = 0.12 * (times_s - times_s.mean())
     poses = look_at(view, _move_target(view, ahead_m, 0 * ahead_m), view.heading_rad)
     return poses @ make_sway(view, times_s, 1.0, rng)
 
 
 def hover(view: View, times_s: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Keep station with a small sway in all six axes."""
+    """Keep station with a small sway in all six axes: (N, 4, 4) poses."""
     return static(view, times_s, rng) @ make_sway(view, times_s, 0.3, rng)
 
 
 def transect(view: View, times_s: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Move sideways, to port, with a sway in all six axes."""
+    """Move sideways, to port, with a sway in all six axes: (N, 4, 4) poses."""
     aside_m = SPEED_M_S * (times_s - times_s.mean())
     poses = look_at(view, _move_target(view, 0 * aside_m, aside_m), view.heading_rad)
     return poses @ make_sway(view, times_s, 0.7, rng)
 
 
 def lawnmower(view: View, times_s: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Move sideways in lanes of 3 m, each 0.7 m ahead of the one before (boustrophedon)."""
+    """Move sideways in lanes of 3 m, each 0.7 m ahead of the one before (boustrophedon): (N, 4, 4) poses."""
     port_m, forward_m = _run_lanes(times_s, 3.0, 0.7)
     return look_at(view, _move_target(view, forward_m, port_m), view.heading_rad) @ make_sway(view, times_s, 0.4, rng)
 
 
 def hull_sweep(view: View, times_s: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Move forward and back in lanes of 2 m, each 0.7 m to port of the one before, as in a hull inspection."""
+    """Move forward and back in lanes of 2 m, each 0.7 m to port, as in a hull inspection: (N, 4, 4) poses."""
     forward_m, port_m = _run_lanes(times_s, 2.0, 0.7)
     return look_at(view, _move_target(view, forward_m, port_m), view.heading_rad) @ make_sway(view, times_s, 0.4, rng)
 
@@ -131,14 +131,14 @@ def _run_lanes(times_s: FloatArray, length_m: float, step_m: float) -> tuple[Flo
 
 
 def orbit(view: View, times_s: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Circle around the target, facing it."""
+    """Circle around the target, facing it: (N, 4, 4) poses."""
     heading_rad = view.heading_rad + SPEED_M_S / view.distance_m * (times_s - times_s[0])
     still = np.zeros(len(times_s))
     return look_at(view, _move_target(view, still, still), heading_rad) @ make_sway(view, times_s, 0.3, rng)
 
 
 def revisit(view: View, times_s: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Go once round a circle and an eighth of it again, whatever the number of frames: a loop to close."""
+    """Go once round a circle and an eighth of it again, for loop closure: (N, 4, 4) poses."""
     duration_s = max(times_s[-1] - times_s[0], 1e-9)
     turn = 2 * np.pi * 1.125 * (times_s - times_s[0]) / duration_s
     radius_m = SPEED_M_S * duration_s / (2 * np.pi * 1.125)
@@ -147,7 +147,7 @@ def revisit(view: View, times_s: FloatArray, rng: np.random.Generator) -> FloatA
 
 
 def planar(view: View, times_s: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Move in x, y and yaw only (degenerate: elevation is hardly observable without roll, pitch or heave)."""
+    """Move in x, y and yaw only, where elevation is hardly observable: (N, 4, 4) poses."""
     sway_m = make_sway(view, times_s, 0.7, rng)[:, :3, 3]
     yaw_rad = np.deg2rad(8.0) * np.sin(2 * np.pi * times_s / rng.uniform(12, 20) + rng.uniform(0, 2 * np.pi))
     ahead_m = 0.12 * (times_s - times_s.mean())
@@ -155,7 +155,7 @@ def planar(view: View, times_s: FloatArray, rng: np.random.Generator) -> FloatAr
 
 
 def static(view: View, times_s: FloatArray, rng: np.random.Generator) -> FloatArray:  # noqa: ARG001 (a Motion)
-    """Stand still (degenerate: nothing can be triangulated)."""
+    """Stand still, where nothing can be triangulated: (N, 4, 4) poses."""
     still = np.zeros(len(times_s))
     return look_at(view, _move_target(view, still, still), view.heading_rad)
 
