@@ -10,12 +10,12 @@ demo: $(VENV)/.installed
 	$(BIN)/asfm demo
 
 test: check
-	$(BIN)/pytest -q -n 2 --cov --cov-report=term:skip-covered
+	$(BIN)/pytest -q -n 2 --dist worksteal --cov --cov-report=term:skip-covered
 
 check: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
+	$(BIN)/mypy -n 2
 
 # The package is installed in place, so only new dependencies call for another installation.
 $(VENV)/.installed: pyproject.toml $(VENV)/.made

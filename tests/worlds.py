@@ -23,6 +23,7 @@ from asfm.types import (
     FloatArray,
     Frame,
     Keypoints,
+    Landmarks,
     Navigation,
     SensorNoise,
     Tracks,
@@ -210,3 +211,17 @@ def mirror_angle(axis: int) -> Callable[[FloatArray], FloatArray]:
         return make_pose(poses[:, :3, 3], Rotation.from_euler("ZYX", angles))
 
     return mirror
+
+
+def make_landmarks(count: int, good: int) -> Landmarks:
+    """Return landmarks at the origin of which the first ones are well constrained."""
+    track = np.arange(count)
+    return Landmarks(
+        track,
+        np.zeros((count, 3)),
+        np.zeros((count, 3, 3)),
+        np.where(track < good, 0.02, 5.0),
+        np.full(count, 3),
+        track < good,
+        np.zeros((count, 15, 3)),
+    )

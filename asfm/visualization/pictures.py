@@ -17,7 +17,7 @@ TEXTURE_SHAPE = (128, 64)
 
 
 def brighten_image(frame: Frame) -> NDArray[np.uint8]:
-    """Return the square root of the (ranges, beams) image as grey values: echoes span orders of magnitude. Invalid: 0."""
+    """Return the square root of the (ranges, beams) image as grey values, as echoes span decades; invalid: 0."""
     visible = np.sqrt(np.where(frame.invalid, 0.0, np.clip(frame.image, 0, 1)))
     return np.asarray(255 * visible).astype(np.uint8)
 

@@ -5,22 +5,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from asfm.types import Landmarks
 from asfm.visualization.landmarks import colour_heights, compute_error_bars, label_landmarks
-
-
-def make_landmarks(count: int, good: int) -> Landmarks:
-    """Return landmarks at the origin of which the first ones are well constrained."""
-    track = np.arange(count)
-    return Landmarks(
-        track,
-        np.zeros((count, 3)),
-        np.zeros((count, 3, 3)),
-        np.where(track < good, 0.02, 5.0),
-        np.full(count, 3),
-        track < good,
-        np.zeros((count, 15, 3)),
-    )
+from tests.worlds import make_landmarks
 
 
 def test_height_colours_run_from_blue_to_red_despite_outliers() -> None:

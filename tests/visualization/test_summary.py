@@ -10,8 +10,9 @@ from asfm.diagnostics import Diagnostic
 from asfm.geometry.poses import make_pose
 from asfm.geometry.sonar import SonarModel
 from asfm.sequence import Sequence
-from asfm.types import Frame, Landmarks, Reconstruction, Tracks, Trajectory
+from asfm.types import Frame, Reconstruction, Tracks, Trajectory
 from asfm.visualization.summary import summarise_run
+from tests.worlds import make_landmarks
 
 SONAR = SonarModel.evenly_spaced("toy", (0.5, 8.0), (-0.6, 0.5), (150, 110), 0.2)
 
@@ -20,15 +21,7 @@ def make_run(count: int, good: int) -> tuple[Sequence, Reconstruction]:
     poses = make_pose(np.arange(3.0)[:, None] * [0.25, 0, 0], Rotation.identity(3))
     trajectory = Trajectory(np.arange(3.0), poses)
     track = np.arange(count)
-    landmarks = Landmarks(
-        track,
-        np.zeros((count, 3)),
-        np.zeros((count, 3, 3)),
-        np.where(track < good, 0.02, 5.0),
-        np.full(count, 3),
-        track < good,
-        np.zeros((count, 15, 3)),
-    )
+    landmarks = make_landmarks(count, good)
     tracks = Tracks(track, track, np.ones(count), np.zeros(count))
 
     def read_frame(index: int) -> Frame:

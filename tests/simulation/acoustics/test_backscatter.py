@@ -9,30 +9,15 @@ from asfm.simulation.acoustics.backscatter import GRAIN_M
 from asfm.simulation.acoustics.renderer import make_renderer
 from asfm.simulation.scenes.scene import Scene
 from asfm.simulation.scenes.shapes import make_sheet, move_mesh
-from asfm.simulation.sonars.parameters import ImagingSonar
+from tests.simulation.acoustics.quiet_sonar import QUIET_SONAR
 
-SONAR = ImagingSonar(
-    range_min=0.5,
-    range_max=8.0,
-    range_bins=300,
-    azimuth=60,
-    azimuth_bins=96,
-    elevation=20,
-    elevation_bins=300,
-    add_sigma=0.0,
-    mult_sigma=0.0,
-    gain=1.0,
-    multi_path_db=-6.0,
-    side_lobe_db=-90.0,
-    cross_talk_db=-90.0,
-)
 EYE = np.eye(4)
 
 
 def test_grain_is_fixed_to_the_world_as_the_sonar_moves() -> None:
     """After a step ahead the texture of a grainy plate is nearer by that step."""
     plate = Scene("plate", *move_mesh(make_sheet((6.0, 6.0), 0.5), (3.5, 0.0, -0.5)), np.ones(288))
-    fine = SONAR.model_copy(update={"range_bins": 1200, "azimuth": 20.0, "elevation_bins": 1500})
+    fine = QUIET_SONAR.model_copy(update={"range_bins": 1200, "azimuth": 20.0, "elevation_bins": 1500})
     smooth, rough = (make_renderer(scene, fine, EYE[None]) for scene in (plate, replace(plate, grain=0.8)))
     step = EYE.copy()
     step[0, 3] = 10 * GRAIN_M
@@ -54,6 +39,6 @@ def test_grain_is_fixed_to_the_world_as_the_sonar_moves() -> None:
 
 def test_grain_keeps_the_mean_echo() -> None:
     plate = Scene("plate", *move_mesh(make_sheet((6.0, 6.0), 0.5), (3.5, 0.0, -0.5)), np.ones(288))
-    smooth, rough = (make_renderer(scene, SONAR, EYE[None]) for scene in (plate, replace(plate, grain=0.5)))
+    smooth, rough = (make_renderer(scene, QUIET_SONAR, EYE[None]) for scene in (plate, replace(plate, grain=0.5)))
     power = [renderer.compute_power(renderer.trace(renderer.cast(EYE))).sum() for renderer in (smooth, rough)]
     assert power[1] == pytest.approx(power[0], rel=0.02)
