@@ -30,7 +30,6 @@ def test_without_loops_the_result_is_byte_identical(tank: Sequence) -> None:
     assert poses[0] == poses[1]
     (stage,) = (stage for stage in with_loops.stages if stage.name == "loops")
     assert stage.counts["pairs looked at"] == stage.counts["loops"] == 0
-    assert stage.wall_s < 1.0
     assert "loops" not in [stage.name for stage in without.stages]
 
 

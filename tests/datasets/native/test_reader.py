@@ -1,6 +1,5 @@
 """Reader of the native folder: conventions, laziness, and one-line errors for every fault."""
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -65,9 +64,7 @@ def test_opening_ten_thousand_rows_reads_no_image_but_the_first(tmp_path: Path) 
         (folder / f"{name}.tum").write_text("\n".join(f"{stamp!r} 1 2 3 0 0 0 1" for stamp in stamps.tolist()))
     rows = [f"{stamp!r},1,0.1,0.2" for stamp in stamps.tolist()]
     (folder / "navigation.csv").write_text("timestamp_s,z_m,roll_rad,pitch_rad\n" + "\n".join(rows))
-    start = time.perf_counter()
     sequence = open_sequence(folder)
-    assert time.perf_counter() - start < 2.0, "about 0.15 s on an idle core"
     assert len(sequence) == count
     with pytest.raises(AsfmError, match=r"9999\.png.*found none"):
         sequence.read_frame(9_999)
