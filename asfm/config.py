@@ -91,7 +91,7 @@ class MatchingConfig(Section):
     max_gap: int = Field(default=8, ge=1)
     """Each frame is matched with the frames 1..max_gap before it."""
     filters: tuple[Filter, ...] = ("mutual", "ratio", "arc", "planar", "ssl")
-    """The outlier filters in their order; each judges what passed those before it. arc needs predicted poses."""
+    """The outlier filters in their order, each applied to what passed those before. arc needs predicted poses."""
     guided: bool = False
     """With predicted poses, compare only keypoints near the elevation arc. It finds a tenth more correct matches over
     large gaps, but they are biased towards the prediction's drift, and poses with depth and attitude got worse."""

@@ -1,4 +1,4 @@
-"""The one exception that asfm raises for faults of its input."""
+"""Exception for faults of the input, the configuration or the command line."""
 
 
 class AsfmError(Exception):

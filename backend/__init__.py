@@ -1,1 +1,1 @@
-"""From tracks to poses and landmarks."""
+"""Back-end, from tracks to poses and landmarks: initialisation, triangulation, bundle adjustment, covariances."""

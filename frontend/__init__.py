@@ -1,1 +1,1 @@
-"""From images to tracks: denoising, features, matches."""
+"""Front-end, from images to tracks: denoising, features, matching, tracking, and verification of loops."""

@@ -9,7 +9,7 @@ from hypothesis import settings
 settings.register_profile("same examples", derandomize=True)
 settings.register_profile("new examples")
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same examples"))
-"""What passes once shall pass again; HYPOTHESIS_PROFILE="new examples" looks for others."""
+"""Examples are the same in every run; HYPOTHESIS_PROFILE="new examples" draws others."""
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 

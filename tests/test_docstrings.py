@@ -42,7 +42,7 @@ def raised(function: ast.FunctionDef) -> bool:
 
 
 def check(kind: str, function: ast.FunctionDef) -> bool | None:
-    """Whether the docstring says what it must; None where there is nothing to say."""
+    """Whether the docstring states what it must; None where nothing is required."""
     text = ast.get_docstring(function) or ""
     if kind == "shapes":
         return bool(SHAPE.search(text)) if ARRAYS.search(annotations(function)) else None
@@ -51,8 +51,8 @@ def check(kind: str, function: ast.FunctionDef) -> bool | None:
 
 @pytest.mark.parametrize("kind", ["shapes", "errors"])
 def test_public_functions_state_shapes_and_errors(kind: str) -> None:
-    judged = [(place, check(kind, function)) for place, function in public_functions()]
-    asked = [(place, fine) for place, fine in judged if fine is not None]
-    assert len(asked) > 50
-    missing = [place for place, fine in asked if not fine]
-    assert 1 - len(missing) / len(asked) >= REQUIRED_SHARE, "\n".join(missing)
+    checked = [(place, check(kind, function)) for place, function in public_functions()]
+    required = [(place, fine) for place, fine in checked if fine is not None]
+    assert len(required) > 50
+    missing = [place for place, fine in required if not fine]
+    assert 1 - len(missing) / len(required) >= REQUIRED_SHARE, "\n".join(missing)

@@ -1,4 +1,4 @@
-"""The contracts: tracks by frame and their spans, against plain loops."""
+"""Data types: tracks by frame and their spans, against plain loops."""
 
 import numpy as np
 import pytest

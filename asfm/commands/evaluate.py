@@ -69,7 +69,7 @@ def _compare(folder: Path, source: Path, estimate: Trajectory, truth: Trajectory
 
 
 def _add_truth(folder: Path, source: Path, sequence: Sequence, table: EvaluationTable) -> EvaluationTable:
-    """Add what ground truth tells of covariances, matches and the accuracy bound, or a note on what is missing."""
+    """Add the evaluation of covariances and matches and the accuracy bound, or a note on what is missing."""
     if sequence.groundtruth is None:
         return table
     missing = [name for name in NEEDED if not (folder / name).exists()]
@@ -117,7 +117,7 @@ def _read_landmarks(path: Path, landmark: IntArray) -> _Landmarks:
 
 
 def _starts_at_truth(sequence: Sequence, config: Config) -> bool:
-    """Return whether odometry, and so the run, is in the world of the true poses, judged by the first pose."""
+    """Return whether odometry, and so the run, is in the world of the true poses, decided by the first pose."""
     if sequence.odometry is None or sequence.groundtruth is None or not config.backend.use_odometry:
         return False
     at_start = sequence.timestamps_s[:1]

@@ -1,1 +1,1 @@
-"""Measures of quality against truth."""
+"""Evaluation against ground truth: pose errors, covariances, matches and denoising."""

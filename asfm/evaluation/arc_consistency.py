@@ -1,6 +1,6 @@
 """Arc consistency of matches: whether the second keypoint lies on the first one's elevation arc under known poses.
 
-Judges matches where the poses are true but no elevation is: a correct match always fits; a wrong one may by chance, so
+For sequences with true poses but without true elevations: a correct match always fits; a wrong one may by chance, so
 that the inlier ratio is an upper bound of the precision.
 """
 

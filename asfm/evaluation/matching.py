@@ -1,7 +1,7 @@
 """Precision and recall of feature matches per frame gap: against true elevations, or against elevation arcs.
 
-A simulation knows each keypoint's elevation and so its exact position in the other frame. Where only the poses are
-true, matches are judged by their elevation arcs (:mod:`asfm.evaluation.arc_consistency`).
+A simulation knows each keypoint's elevation and so its exact position in the other frame. Where only true
+poses are known, matches are evaluated by their elevation arcs (:mod:`asfm.evaluation.arc_consistency`).
 """
 
 from collections import abc, defaultdict

@@ -19,7 +19,7 @@ from asfm.types import FloatArray, Keypoints, Matches
 FRAME_GAPS = (1, 2, 4)
 """Gaps of the frame pairs that are tested: wider ones show the motion more clearly, but have fewer matches."""
 PREDICTION_FILTER = "arc"
-"""Filter that uses predicted poses: the matches that it rejects are kept here, because the prediction is on trial."""
+"""Filter that uses predicted poses: the matches that it rejects are kept here, because the prediction is tested."""
 MIN_INLIERS = 8
 MIN_INLIER_SHARE = 0.25
 """A frame pair is used when a planar motion has at least this many inliers, and this share of its matches."""

@@ -1,4 +1,4 @@
-"""The reconstruction pipeline: the only code that knows both front-end and back-end."""
+"""The reconstruction pipeline: the only code that imports both front-end and back-end."""
 
 from asfm.pipeline.reconstruction import Run, reconstruct
 

@@ -1,4 +1,4 @@
-"""Reconstruction: acoustic structure from motion from images to trajectory and landmarks, as a block diagram."""
+"""Reconstruction pipeline: acoustic structure from motion, from images to trajectory and landmarks."""
 
 from dataclasses import dataclass, replace
 

@@ -1,1 +1,1 @@
-"""Imaging sonar by ray casting, with the truth that no recording has: elevation, noise-free image and pose."""
+"""Imaging sonar simulator by ray casting, with ground truth: poses, elevations and noise-free images."""

@@ -28,7 +28,7 @@ EMPTY_FACTOR = 1.15
 """Pixels of the smoothed image below this multiple of the floor are empty water."""
 MIN_PIXELS = 200
 ECHO_SIGMA_PX = 1.5
-"""Gaussian smoothing before echoes are told from the floor."""
+"""Gaussian smoothing before echoes are separated from the floor."""
 BRIGHT_FACTOR, BRIGHT_VALUE = 4.0, 0.1
 """Speckle contrast is measured where the smoothed image exceeds this multiple of the floor and this value."""
 SPECKLE_QUANTILE = 0.2

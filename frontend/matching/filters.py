@@ -1,6 +1,6 @@
 """Outlier filters of matches: mutual, ratio, structural-and-spatial loss, elevation arc, planar motion, clique.
 
-Each takes any number of frame pairs and judges the matches of each on their own; filters run alone or in any order.
+Each takes any number of frame pairs and tests the matches of each on their own; filters run alone or in any order.
 """
 
 from collections.abc import Callable, Sequence

@@ -13,7 +13,7 @@ from asfm.types import BoolArray, FloatArray, IntArray, Keypoints
 
 @dataclass(frozen=True)
 class FramePair:
-    """What the outlier filters know of two frames and of the matches between them."""
+    """Input of the outlier filters: the keypoints of two frames and the matches between them."""
 
     keypoints_a: Keypoints
     keypoints_b: Keypoints

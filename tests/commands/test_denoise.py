@@ -55,9 +55,9 @@ def refuse(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
     """Run a command line that must fail with one line; returns the line."""
     capsys.readouterr()
     assert run_command_line(["denoise", *map(str, arguments)]) == 2
-    said = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("denoise: ")]
-    assert len(said) == 1 and said[0].startswith("asfm: ")
-    return said[0]
+    output = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("denoise: ")]
+    assert len(output) == 1 and output[0].startswith("asfm: ")
+    return output[0]
 
 
 def test_psnr_margins_of_the_paper_are_reached() -> None:
@@ -79,10 +79,10 @@ def test_image_without_noise_loses_little(tmp_path: Path) -> None:
 def test_simulated_frames_give_a_table_and_its_files(tmp_path: Path, capsys: Any, sonar: str) -> None:
     folder = tmp_path / "table"
     options = ("--scene", "pier", "--scene", "tank", "--sonar", sonar, "--output", folder)
-    said = ask(capsys, *options)
-    assert "mean over 2 frames" in said and "PSNR dB by scene" in said and f"{MASK} loses in PSNR" in said
+    output = ask(capsys, *options)
+    assert "mean over 2 frames" in output and "PSNR dB by scene" in output and f"{MASK} loses in PSNR" in output
     for method in DENOISERS:
-        assert f"\n{method} " in said
+        assert f"\n{method} " in output
     with (folder / "denoising.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 2 * len(DENOISERS) and {row["scene"] for row in rows} == {"pier", "tank"}
@@ -98,8 +98,8 @@ def test_simulated_frames_give_a_table_and_its_files(tmp_path: Path, capsys: Any
 
 def test_sequences_with_truth_are_compared(tmp_path: Path, capsys: Any, sonar: str, scene: str) -> None:
     simulate_to(scene, tmp_path / "scene", SimulationOptions(sonar, frames=3, seed=1))
-    said = ask(capsys, tmp_path / "scene", "--frames", 2)
-    assert "mean over 2 frames" in said and "by scene" not in said
+    output = ask(capsys, tmp_path / "scene", "--frames", 2)
+    assert "mean over 2 frames" in output and "by scene" not in output
     table = denoise_sources(DenoiseSources([tmp_path / "scene"], frames=99))
     assert [row.frame for row in table.rows[:: len(DENOISERS)]] == [0, 1, 2]
 
@@ -115,8 +115,8 @@ def test_seed_that_cannot_be_simulated_is_skipped(sonar: str, scene: str, capsys
         return simulate(name, sonar, frames, seed)
 
     monkeypatch.setattr(module, "simulate", fail_at_seed_5)
-    said = ask(capsys, "--scene", scene, "--sonar", sonar, "--seed", 5, "--frames", 2)
-    assert "mean over 1 frame\n" in said and "of seed 5: the sonar is inside an object" in said
+    output = ask(capsys, "--scene", scene, "--sonar", sonar, "--seed", 5, "--frames", 2)
+    assert "mean over 1 frame\n" in output and "of seed 5: the sonar is inside an object" in output
     assert "inside an object" in refuse(capsys, "--scene", scene, "--sonar", sonar, "--seed", 5)
 
 
@@ -127,8 +127,8 @@ def test_settings_change_the_mask(sonar: str, scene: str, capsys: Any) -> None:
     assert find_psnr(wide, MASK) != find_psnr(plain, MASK) and find_psnr(wide, WAVELET) == find_psnr(plain, WAVELET)
 
 
-def find_psnr(said: str, method: str) -> str:
-    line = next(line for line in said.splitlines() if line.startswith(f"{method} "))
+def find_psnr(output: str, method: str) -> str:
+    line = next(line for line in output.splitlines() if line.startswith(f"{method} "))
     return line.removeprefix(method).split()[0]
 
 

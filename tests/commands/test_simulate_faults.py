@@ -122,19 +122,19 @@ def test_existing_files_are_not_touched(place: Path, ask: Callable[..., tuple[in
 
 def test_path_shorter_than_the_frames_is_a_warning(place: Path, ask: Callable[..., tuple[int, str]]) -> None:
     (place / "one.tum").write_text(f"3.5 -5 0 0 {LEVEL}\n")
-    code, said = ask("ball.ply", "--frames", "4", "--motion", "one.tum")
-    assert code == 0 and "warning: the path ends after 1 of 4 frames at 5 Hz" in said
+    code, stderr = ask("ball.ply", "--frames", "4", "--motion", "one.tum")
+    assert code == 0 and "warning: the path ends after 1 of 4 frames at 5 Hz" in stderr
     sequence = open_sequence(place / "out")
     assert len(sequence) == 1 and sequence.timestamps_s[0] == pytest.approx(3.5)
 
 
 def test_empty_view_gives_a_valid_sequence(place: Path, ask: Callable[..., tuple[int, str]]) -> None:
     (place / "away.tum").write_text("0 -5 0 0 0 0 1 0\n1 -5 1 0 0 0 1 0\n")
-    code, said = ask("ball.ply", "--frames", "2", "--motion", "away.tum")
+    code, stderr = ask("ball.ply", "--frames", "2", "--motion", "away.tum")
     assert (
         code == 0
-        and "warning: 2 of 2 frames see nothing of ball within 8.0 m; it is 4 m across" in said
-        and "[empty-frames]" in said
+        and "warning: 2 of 2 frames see nothing of ball within 8.0 m; it is 4 m across" in stderr
+        and "[empty-frames]" in stderr
     )
     sequence = open_sequence(place / "out")
     assert len(sequence) == 2 and max(frame.image.max() for frame in sequence) == 0  # HoloOcean's sonar: no noise
@@ -143,8 +143,8 @@ def test_empty_view_gives_a_valid_sequence(place: Path, ask: Callable[..., tuple
 @pytest.mark.filterwarnings("error")
 def test_looking_straight_down_gives_no_warning(place: Path, ask: Callable[..., tuple[int, str]]) -> None:
     (place / "down.tum").write_text("0 0 0 5 0 0.70710678 0 0.70710678\n1 0.2 0 5 0 0.70710678 0 0.70710678\n")
-    code, said = ask("ball.ply", "--frames", "2", "--motion", "down.tum")
-    assert code == 0 and "warning" not in said.lower()
+    code, stderr = ask("ball.ply", "--frames", "2", "--motion", "down.tum")
+    assert code == 0 and "warning" not in stderr.lower()
     assert open_sequence(place / "out").navigation is not None
 
 

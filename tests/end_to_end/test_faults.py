@@ -1,4 +1,4 @@
-"""Bad input through the real command line: one clear line and exit code 2, or a warning and poses that hold."""
+"""Bad input through the real command line: a one-line error and exit code 2, or a warning and finite poses."""
 
 import dataclasses
 import json
@@ -99,7 +99,7 @@ def read_results(folder: Path, count: int) -> tuple[FloatArray, dict[str, Any]]:
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[int, str]:
-    """Run a command line; gives exit code and what it said on stderr but for the progress."""
+    """Run a command line; return the exit code and stderr without the progress."""
     capsys.readouterr()
     code = run_command_line([str(argument) for argument in arguments])
     lines = [line for line in capsys.readouterr().err.splitlines() if not line.endswith(" steps")]
@@ -107,7 +107,7 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[int
 
 
 def refuse(capsys: pytest.CaptureFixture[str], root: Path, path: Path, *options: str | Path) -> str:
-    """Run a sequence that must be refused; gives the one line that says why."""
+    """Run a sequence that must be refused; return its one-line error."""
     before = sorted(root.rglob("*"))
     code, message = run(capsys, "run", path, "--output", root / "out", *options)
     assert code == 2, message
@@ -270,7 +270,7 @@ def test_other_people_s_places_are_refused(tmp_path: Path, capsys: pytest.Captur
     assert code == 2 and "expected an empty place" in message, "a sequence is not replaced by its own results"
 
 
-# Poor data: the run ends, says so, and holds its poses.
+# Poor data: the run ends with a warning, and its poses stay finite.
 
 
 def run_poor(
@@ -291,7 +291,7 @@ def run_poor(
 
 @pytest.mark.parametrize("odometry", [False, True])
 @pytest.mark.parametrize(("value", "invalid"), [(0.0, False), (1.0, False), (0.5, True)])
-def test_frames_without_echoes_hold_their_poses(
+def test_frames_without_echoes_keep_their_poses(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], value: float, invalid: bool, odometry: bool
 ) -> None:
     sequence = paint(make_sequence(odometry=odometry), value, invalid=invalid)
@@ -341,7 +341,7 @@ def test_two_frames_and_a_still_sonar_are_runs(tmp_path: Path, capsys: pytest.Ca
     np.testing.assert_allclose(rows[:, 1:4], 0, atol=0.05)
 
 
-# A run that is stopped leaves nothing that looks whole.
+# An interrupted run leaves no folder that could pass for a complete one.
 
 
 @pytest.fixture
@@ -364,19 +364,19 @@ def test_a_run_that_is_stopped_leaves_no_results(long_sequence: Path, sent: sign
         try:
             assert process.stderr.readline() == "front-end: 3000 steps\n"
             process.send_signal(sent)
-            said = process.stderr.read()
+            stderr = process.stderr.read()
             assert process.wait(timeout=60) == code
         finally:
             process.kill()
-    assert "Traceback" not in said
+    assert "Traceback" not in stderr
     assert not (root / "out").exists()
     if sent == signal.SIGINT:
-        assert said == "asfm: interrupted; nothing half-written was left\n"
+        assert stderr == "asfm: interrupted; nothing half-written was left\n"
         assert [path.name for path in root.iterdir()] == ["sequence"]
 
 
 @pytest.mark.parametrize(
-    ("fault", "code", "said"),
+    ("fault", "code", "expected"),
     [
         (OSError(28, "No space left on device"), 2, "asfm: {out}: cannot write: No space left on device"),
         (KeyboardInterrupt(), 130, "asfm: interrupted; nothing half-written was left"),
@@ -389,7 +389,7 @@ def test_a_fault_in_the_middle_keeps_the_old_results(
     monkeypatch: pytest.MonkeyPatch,
     fault: BaseException,
     code: int,
-    said: str,
+    expected: str,
 ) -> None:
     write_native(tmp_path / "sequence", make_sequence(count=2))
     command = ["run", str(tmp_path / "sequence"), "--output", str(tmp_path / "out")]
@@ -401,7 +401,7 @@ def test_a_fault_in_the_middle_keeps_the_old_results(
 
     monkeypatch.setattr("asfm.pipeline.reconstruction.summarise", fail)
     found, message = run(capsys, *command, "--overwrite")
-    assert found == code and said.format(out=tmp_path / "out") in message
+    assert found == code and expected.format(out=tmp_path / "out") in message
     assert ("Traceback" in message) == (code == 1)
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
     assert run(capsys, *command)[0] == 2, "and without --overwrite nothing is even tried"

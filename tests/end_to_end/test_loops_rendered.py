@@ -48,7 +48,7 @@ class RoundTrip:
     elevation_rad: list[FloatArray]
 
     def are_right(self, matches: Matches, keypoints: list[Keypoints]) -> BoolArray:
-        """Tell which matches (M,) join what the truth says is one point."""
+        """Return which matches (M,) join keypoints of one true point."""
         a, b = keypoints[matches.frame_a], keypoints[matches.frame_b]
         of_a, of_b = matches.index.T
         b_from_a = invert(self.world_from_sonar[matches.frame_b]) @ self.world_from_sonar[matches.frame_a]
@@ -108,7 +108,7 @@ def _as_scene(mesh: Mesh, level: float) -> Scene:
 def solve_first_round(
     repeated: bool, seed: int, config: Config
 ) -> tuple[list[Keypoints], list[Matches], InitialPoses, Solution]:
-    """Go as far as the pipeline does before it looks for loops."""
+    """Run the pipeline up to its search for loops."""
     sequence, clock = render_round_trip(repeated, seed).sequence, StageClock()
     navigation = read_navigation(sequence, config.backend)
     prediction = predict_poses(navigation, sequence)

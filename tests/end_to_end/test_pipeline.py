@@ -1,4 +1,4 @@
-"""The whole pipeline on a small simulated sequence, and on input that holds nothing: finite, repeatable, honest."""
+"""The whole pipeline on a small simulated sequence and on empty input: finite, repeatable, with its uncertainty."""
 
 from dataclasses import replace
 
@@ -111,7 +111,7 @@ def test_sonar_alone_starts_at_the_identity(tank: Sequence) -> None:
 
 
 @pytest.mark.parametrize("frame_count", [1, 2, 5])
-def test_black_images_hold_the_identity_and_say_so(tank: Sequence, frame_count: int) -> None:
+def test_black_images_give_identity_poses_and_a_warning(tank: Sequence, frame_count: int) -> None:
     black = _with_frames(tank, _blank(list(tank), range(FRAMES))[:frame_count])
     found = reconstruct(replace(black, odometry=None, navigation=None), Config()).reconstruction
     _check_finite(found, frame_count)
@@ -121,7 +121,7 @@ def test_black_images_hold_the_identity_and_say_so(tank: Sequence, frame_count: 
 
 
 @pytest.mark.parametrize("frame_count", [1, 5])
-def test_black_images_hold_the_odometry_and_say_so(tank: Sequence, frame_count: int) -> None:
+def test_black_images_give_the_odometry_and_a_warning(tank: Sequence, frame_count: int) -> None:
     black = replace(_with_frames(tank, _blank(list(tank), range(FRAMES))[:frame_count]), navigation=None)
     found = reconstruct(black, Config()).reconstruction
     odometry = read_navigation(black, BackendConfig()).odometry
@@ -192,8 +192,8 @@ def test_black_frames_with_navigation_alone_follow_depth_and_attitude(tank: Sequ
     assert found.trajectory.world_from_vehicle[0, 2, 3] == pytest.approx(-1.0, abs=0.1)
 
 
-class _Witness:
-    """Notes what it is shown."""
+class _RecordingObserver:
+    """Recorder that keeps the order of its calls."""
 
     def __init__(self) -> None:
         self.frames: list[int] = []
@@ -215,29 +215,29 @@ class _Witness:
         self.results.append(reconstruction)
 
     def close(self) -> None:
-        raise AssertionError("whoever opened the recorder closes it")
+        raise AssertionError("the caller that opened the recorder closes it")
 
 
-def test_recorder_is_shown_every_frame_in_order_and_the_result(tank: Sequence) -> None:
-    witness = _Witness()
-    told: list[tuple[str, int, int]] = []
+def test_recorder_receives_every_frame_in_order_and_the_result(tank: Sequence) -> None:
+    observer = _RecordingObserver()
+    progress: list[tuple[str, int, int]] = []
     run = reconstruct(
         _with_frames(tank, _blank(list(tank)[:5], range(2, 3))),
         Config(),
-        witness,
-        lambda stage, done, total: told.append((stage, done, total)),
+        observer,
+        lambda stage, done, total: progress.append((stage, done, total)),
     )
-    assert witness.frames == [0, 1, 2, 3, 4]
-    assert witness.pairs == [(0, 1), (1, 2), (2, 3), (3, 4)]
-    assert witness.results == [run.reconstruction]
-    assert [done for stage, done, total in told if stage == "front-end" and total == 5] == [1, 2, 3, 4, 5]
+    assert observer.frames == [0, 1, 2, 3, 4]
+    assert observer.pairs == [(0, 1), (1, 2), (2, 3), (3, 4)]
+    assert observer.results == [run.reconstruction]
+    assert [done for stage, done, total in progress if stage == "front-end" and total == 5] == [1, 2, 3, 4, 5]
     names = [stage.name for stage in run.stages]
     assert names == ["front-end", "initialisation", "round 1", "loops", "round 2", "round 3", "landmarks", "record"]
     assert all(stage.wall_s >= 0 for stage in run.stages)
     assert run.stages[0].counts["frames"] == 5
 
 
-def test_odometry_at_other_stamps_is_met_by_time(tank: Sequence) -> None:
+def test_odometry_at_other_stamps_is_interpolated_by_time(tank: Sequence) -> None:
     """Odometry four times as dense, beginning before and ending after the frames: rows do not correspond."""
     assert tank.odometry is not None
     stamps = np.arange(-1.0, float(tank.timestamps_s[-1]) + 1, 0.05)

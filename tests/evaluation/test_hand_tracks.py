@@ -18,7 +18,7 @@ LEVER = make_pose(np.array([0.4, 0.1, -0.2]), Rotation.from_euler("zyx", [5, 20,
 
 
 def sway(count: int, seed: int = 0) -> Trajectory:
-    """Make a motion in six degrees of freedom that looks down at the origin from some metres away."""
+    """Make a motion in six degrees of freedom that points down at the origin from some metres away."""
     rng = np.random.default_rng(seed)
     phase = np.linspace(0, 2, count)
     offset_m = np.stack([-3 + 0.3 * np.sin(phase), 0.5 * np.cos(2 * phase), 1.0 + 0.3 * np.sin(3 * phase)], axis=1)

@@ -78,7 +78,7 @@ def test_ratio_is_the_estimate_over_the_odometry() -> None:
     assert 0.15 < ratio < 0.4
 
 
-def test_every_pose_error_says_alignment_and_scale() -> None:
+def test_every_pose_error_states_alignment_and_scale() -> None:
     table = evaluate_trajectory(walk(), walk(1, sigma_m=0.4), walk(2, sigma_m=0.1))
     for row in table.rows:
         if row.key.startswith(("ate_", "rotation_")):

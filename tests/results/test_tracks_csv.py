@@ -55,7 +55,7 @@ def test_tracks_with_nan_are_a_defect(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("rows", "said"),
+    ("rows", "expected"),
     [
         (
             ["0,1,2.0,0.1,,,1,5,0", "0,1,2.0,0.1,,,1,5,0"],
@@ -81,9 +81,9 @@ def test_tracks_with_nan_are_a_defect(tmp_path: Path) -> None:
         (["0,1,2.0,0.1,,,1,x,0"], "line 2: expected a whole number as keypoint, found 'x'"),
     ],
 )
-def test_malformed_rows_are_one_line_errors_with_file_and_line(tmp_path: Path, rows: list[str], said: str) -> None:
+def test_malformed_rows_are_one_line_errors_with_file_and_line(tmp_path: Path, rows: list[str], expected: str) -> None:
     (tmp_path / "tracks.csv").write_text("\n".join([HEADER, *rows]))
-    with pytest.raises(AsfmError, match=rf"^[^\n]*tracks\.csv, {said}[^\n]*$"):
+    with pytest.raises(AsfmError, match=rf"^[^\n]*tracks\.csv, {expected}[^\n]*$"):
         read_tracks(tmp_path / "tracks.csv", 9)
 
 

@@ -1,4 +1,4 @@
-"""Colours: neighbouring numbers are told apart."""
+"""Colours: neighbouring numbers have different hues."""
 
 import numpy as np
 

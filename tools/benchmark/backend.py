@@ -1,6 +1,6 @@
 """Requirements on the back-end over sequences with truth: pose errors, covariances, landmarks, warnings.
 
-Covariances are judged by the NEES e' C^-1 e / 3 of position and of attitude. The errors of the frames of one run are
+Covariances are evaluated by the NEES e' C^-1 e / 3 of position and of attitude. The errors of the frames of one run are
 correlated, so that their mean counts as one draw of three degrees of freedom: with true covariances, the mean over R
 runs lies between the 2.5 % and the 97.5 % quantile of a chi-square of 3 R degrees of freedom, over 3 R.
 """

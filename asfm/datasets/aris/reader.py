@@ -41,7 +41,7 @@ class ArisFrames:
 
 
 def is_aris(path: Path) -> bool:
-    """Return whether a path is an ARIS recording, judged by the first bytes of the file."""
+    """Return whether a path is an ARIS recording, by the first bytes of the file."""
     if not path.is_file():
         return False
     with path.open("rb") as file:

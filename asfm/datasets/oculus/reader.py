@@ -43,7 +43,7 @@ class OculusPings:
 
 
 def is_oculus(path: Path) -> bool:
-    """Return whether a path is an Oculus recording, judged by its first message."""
+    """Return whether a path is an Oculus recording, by its first message."""
     if not path.is_file():
         return False
     with path.open("rb") as file:

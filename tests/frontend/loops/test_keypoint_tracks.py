@@ -35,7 +35,7 @@ def make_matches(*pairs: tuple[int, int]) -> Matches:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_find_equals_a_search_of_all_observations(seed: int) -> None:
-    """All keypoints of a frame coincide, so that only their index tells them apart."""
+    """All keypoints of a frame coincide, so that they differ in their index alone."""
     rng = np.random.default_rng(seed)
     label = np.array([rng.permutation(2 * KEYPOINTS)[:KEYPOINTS] for _ in range(FRAMES)])
     frame, keypoint = (value.ravel() for value in np.indices(label.shape))
