@@ -83,9 +83,10 @@ def _look_up_elevations(
     """Return the true elevation at each observation's pixel (O,), zero without one, and (O,) whether there is one."""
     row_column = np.stack([sonar.row_at_range(tracks.range_m), sonar.column_at_bearing(tracks.bearing_rad)], axis=1)
     elevation_rad, echoes = np.zeros(len(tracks)), np.zeros(len(tracks), dtype=bool)
-    for frame in np.unique(tracks.frame).tolist():
-        here = tracks.frame == frame
-        elevation_rad[here], echoes[here] = look_up_elevation(row_column[here], read_truth(frame).elevation_rad)
+    for frame, here in enumerate(tracks.by_frame(int(tracks.frame.max(initial=0)) + 1)):
+        if len(here):
+            found = look_up_elevation(row_column[here], read_truth(frame).elevation_rad)
+            elevation_rad[here], echoes[here] = found
     return elevation_rad, echoes
 
 

@@ -71,7 +71,7 @@ def scan_mirror_frames(
         (F,) tested frames, and (F,) increase of the squared residuals of the tracks that span each, relative to those
         without mirroring.
     """
-    first, last = _frame_span(tracks)
+    first, last = tracks.frame_span()
     frames, increase = [], []
     for frame in range(MIN_FRAMES_TO_END, len(world_from_vehicle) - MIN_FRAMES_TO_END - 1, FRAME_STRIDE):
         spanning = np.flatnonzero((first <= frame) & (last > frame))
@@ -153,10 +153,3 @@ def _triangulation_cost(
         ELEVATION_COUNT,
     )
     return float(np.minimum((found.residual**2).sum(axis=1), residual_gate.gate.truncation**2).sum())
-
-
-def _frame_span(tracks: Tracks) -> tuple[IntArray, IntArray]:
-    """Return the first and last frame of each track, (T,) each; observations are sorted by track and frame."""
-    begins = np.flatnonzero(np.diff(tracks.track, prepend=-1))
-    ends = np.append(begins[1:], len(tracks)) - 1
-    return tracks.frame[begins], tracks.frame[ends]
