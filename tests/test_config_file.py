@@ -109,11 +109,6 @@ def test_overrides_are_yaml_values() -> None:
     assert config.seed == 7
 
 
-def test_window_along_ranges_only_is_valid() -> None:
-    config = load_config(None, ("cfar.guard_px=[4, 0]", "cfar.reference_px=[16, 0]"))
-    assert config.cfar.reference_px == (16, 0)
-
-
 def test_override_of_an_empty_section_of_the_file(tmp_path: Path) -> None:
     assert load_config(write(tmp_path, "ssl:\n"), ("ssl.radius_px=3",)).ssl.radius_px == 3
 
@@ -197,8 +192,3 @@ def test_folder_or_binary_file_is_an_error(tmp_path: Path) -> None:
     assert str(tmp_path) in message_of(tmp_path)
     (tmp_path / "image.yaml").write_bytes(b"\xff\xfe\x00seed")
     assert "image.yaml" in message_of(tmp_path / "image.yaml")
-
-
-def test_configuration_is_frozen() -> None:
-    with pytest.raises(ValueError, match="frozen"):
-        Config().seed = 3

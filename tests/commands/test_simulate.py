@@ -52,11 +52,11 @@ def test_simulate_follows_a_motion_or_a_path(demo_folder: Path, tmp_path: Path, 
     assert truth is not None and text.startswith(f"{len(truth.timestamps_s)} frames in ")
     assert FRAMES - 1 <= len(truth.timestamps_s) <= FRAMES, "the path ends before 80 frames"
     np.testing.assert_allclose(truth.world_from_vehicle[:2], expected.world_from_vehicle[:2], atol=1e-5)
-    for motion, expected in (("flight", "unknown motion 'flight'; known: "), ("gone.tum", "gone.tum")):
+    for motion, fault in (("flight", "unknown motion 'flight'; known: "), ("gone.tum", "gone.tum")):
         arguments = ["simulate", "seafloor", "--output", str(tmp_path / "out"), "--motion", motion]
         assert run_command_line(arguments) == 2
         message = capsys.readouterr().err
-        assert expected in message and message.count("\n") == 1
+        assert fault in message and message.count("\n") == 1
 
 
 def test_simulate_prints_diagnostics(tmp_path: Path, capsys: Any) -> None:
