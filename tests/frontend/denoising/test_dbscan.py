@@ -44,7 +44,9 @@ def test_labels_of_random_masks_are_those_of_scikit_learn(
 
 
 def test_labels_of_real_frames_are_those_of_scikit_learn(shared_data: Path) -> None:
-    for path in sorted((shared_data / "didson_hull" / "hull").glob("*.png")):
+    paths = sorted((shared_data / "didson_hull" / "hull").glob("*.png"))
+    assert paths
+    for path in paths:
         image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
         assert image is not None
         mask = image > np.quantile(image, 0.9)

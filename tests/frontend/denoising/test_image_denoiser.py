@@ -99,7 +99,7 @@ def test_a_uniform_image_stays_uniform(shape: tuple[int, int], value: float) -> 
     denoised = denoise(np.full(shape, value, dtype=np.float32))
     assert denoised.shape == shape and denoised.dtype == np.float32
     assert np.ptp(denoised) < 1e-5 and np.isfinite(denoised).all()
-    assert denoised[0, 0] == pytest.approx(value) or denoised[0, 0] == 0
+    assert denoised[0, 0] == pytest.approx(value if min(shape) > 2 else 0.0), "a few pixels hold no cluster of echoes"
 
 
 @pytest.mark.parametrize("shape", [(3, 7), (30, 5), (5, 200), (700, 12)])
