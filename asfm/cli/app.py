@@ -9,6 +9,7 @@ from asfm import __version__
 from asfm.cli.options import (
     DenoiseOptions,
     Overwrite,
+    RecordingPath,
     ResultsPath,
     RunOptions,
     SequencePath,
@@ -96,7 +97,7 @@ def evaluate(
 
 
 @app.command()
-def view(results: ResultsPath) -> None:
+def view(results: RecordingPath) -> None:
     """Open the recording of a run in the Rerun viewer."""
     from asfm.commands import view_folder
 

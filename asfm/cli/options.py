@@ -12,6 +12,7 @@ Options = TypeVar("Options")
 
 SequencePath = Annotated[Path, Argument(help="Folder or file in any supported format.", metavar="SEQUENCE")]
 ResultsPath = Annotated[Path, Argument(help="Results folder written by asfm run.", metavar="DIR")]
+RecordingPath = Annotated[Path, Argument(help="Results folder written by asfm run, or a .rrd file.", metavar="DIR")]
 ConfigPath = Annotated[Path | None, Option(help="YAML file of settings that differ from the defaults.")]
 Settings = Annotated[
     list[str] | None,
