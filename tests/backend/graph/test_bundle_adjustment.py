@@ -239,3 +239,46 @@ def test_same_input_same_bytes() -> None:
     first, again = (_solve(make_world(8, frame_count=8, points=20)) for _ in range(2))
     assert first.world_from_vehicle.tobytes() == again.world_from_vehicle.tobytes()
     assert first.xyz_m.tobytes() == again.xyz_m.tobytes()
+
+
+@pytest.mark.parametrize("channel", [0, 1, 2])
+@pytest.mark.parametrize("heading_rad", [0.2, 1.5, -2.5])
+def test_one_channel_of_navigation_alone_moves_no_other_angle_at_any_heading(
+    channel: int, heading_rad: float
+) -> None:
+    """Height, roll or pitch differs from odometry by a constant; the other angle keeps odometry's value."""
+    turn = make_pose(np.zeros(3), Rotation.from_euler("z", heading_rad))
+    world = make_world(6, frame_count=6, points=1)
+    slopes = np.outer(np.arange(6), [0.05, 0.01, 0.02])
+    poses = turn @ make_pose(world.poses[:, :3, 3], Rotation.from_euler("ZYX", slopes))
+    recorded = np.column_stack([poses[:, 2, 3], slopes[:, 2], slopes[:, 1]])
+    offset, sigma = np.zeros(3), np.full(recorded.shape, np.inf)
+    offset[channel], sigma[:, channel] = 0.03, 1e-3
+    rotation = np.kron(np.eye(2), poses[0, :3, :3].T)
+    sensors = SensorConstraints(
+        poses[0],
+        rotation @ np.diag([0.3, 0.3, 1e-6, 1e-6, 1e-6, 0.3]) ** 2 @ rotation.T,
+        True,
+        invert(poses[:-1]) @ poses[1:],
+        np.full((5, 2), 0.01),
+        recorded + offset,
+        sigma,
+    )
+    blind = replace(world.problem, sensors=sensors, observed=np.zeros(len(world.problem.tracks), dtype=bool))
+    found = adjust_bundle(blind, poses, world.start_xyz_m, relative_tolerance=1e-9).world_from_vehicle
+    angles = Rotation.from_matrix(found[:, :3, :3]).as_euler("ZYX")
+    moved = np.column_stack([found[:, 2, 3], angles[:, 2], angles[:, 1]]) - recorded
+    compared = [0] if channel == 0 else [1, 2]  # an attitude that turns moves the height of what odometry chains
+    np.testing.assert_allclose(moved[:, compared], np.tile(offset[compared], (6, 1)), atol=5e-3)
+
+
+def test_points_that_start_high_above_the_aperture_end_where_they_are() -> None:
+    """Moved to the edge of the aperture first; from where they are the linearisation would not bring them back."""
+    world = make_world(9, noise=0.0, drift=0.0, frame_count=8, points=25)
+    tracks = world.problem.tracks
+    first = np.searchsorted(tracks.track, np.arange(len(world.xyz_m)))
+    above = back_project(tracks.range_m[first], tracks.bearing_rad[first], 1.5)
+    high_m = transform((world.poses @ LEVER_ARM)[tracks.frame[first]], above)
+    bundle = adjust_bundle(world.problem, world.poses, high_m, relative_tolerance=1e-9)
+    np.testing.assert_allclose(bundle.xyz_m, world.xyz_m, atol=5e-3)
+    np.testing.assert_allclose(bundle.world_from_vehicle, world.poses, atol=1e-3)
