@@ -266,3 +266,12 @@ def test_a_pose_that_is_not_finite_is_an_error() -> None:
     broken[3, 0, 3] = np.nan
     with pytest.raises(AsfmError, match="estimate, pose 3"):
         associate(with_stamps(broken), with_stamps(random_walk(2, 5)))
+
+
+@pytest.mark.parametrize("outside_s", [0.01, 0.1])
+def test_stamps_clearly_outside_the_reference_are_not_extrapolated(outside_s: float) -> None:
+    stamps_s = np.arange(5.0)
+    still = np.tile(np.eye(4), (5, 1, 1))
+    at_s = np.array([-outside_s, 0.5, 2.0, 3.5, 4.0 + outside_s])
+    pairs = associate(Trajectory(at_s, still), Trajectory(stamps_s, still))
+    np.testing.assert_array_equal(pairs.timestamps_s, at_s[1:-1])

@@ -174,3 +174,15 @@ def test_projected_arcs_equal_the_projection_of_their_points(turn_rad: float) ->
     np.testing.assert_allclose(arcs[..., 0], expected[..., 0])
     np.testing.assert_allclose(np.exp(1j * arcs[..., 1]), np.exp(1j * expected[..., 1]), atol=1e-12)
     assert np.abs(np.diff(arcs[..., 1], axis=1)).max() < 1
+
+
+def test_projected_arcs_behind_a_frame_have_no_jump() -> None:
+    """A sonar that turned by half a turn has all of them behind it, at bearings around pi and minus pi."""
+    turned = make_pose(np.array([0.3, 0.05, 0.2]), Rotation.from_euler("ZYX", [np.pi, 0.0, 0.4]))
+    pixel = np.stack([np.full(41, 4.0), np.linspace(-0.3, 0.3, 41)], axis=1)
+    arcs = project_arcs(SONAR, turned, pixel, 15)
+    expected = range_bearing(transform(turned, SONAR.elevation_arc(pixel[:, 0], pixel[:, 1], 15)))
+    assert np.ptp(expected[..., 1], axis=1).max() > 6, "without unwrapping some jump"
+    assert np.ptp(arcs[..., 1], axis=1).max() < 1
+    np.testing.assert_allclose(np.exp(1j * arcs[..., 1]), np.exp(1j * expected[..., 1]), atol=1e-9)
+    np.testing.assert_allclose(arcs[..., 0], expected[..., 0])

@@ -40,8 +40,9 @@ def test_frames_with_the_keypoints_of_the_frame_before_are_duplicates() -> None:
 
 def test_last_bit_and_few_keypoints_prevent_a_duplicate() -> None:
     one = make_keypoints(0)
-    other = replace(one, range_m=np.nextafter(one.range_m, np.inf))
-    assert not find_duplicate_frames([one, other]).any()
+    farther = replace(one, range_m=np.nextafter(one.range_m, np.inf))
+    turned = replace(one, bearing_rad=np.nextafter(one.bearing_rad, np.inf))
+    assert not find_duplicate_frames([one, farther, turned, one]).any()
     few = make_keypoints(0, MIN_KEYPOINTS - 1)
     assert not find_duplicate_frames([few, few]).any()
 

@@ -125,3 +125,12 @@ def test_variance_inflation_is_that_of_the_mean_of_correlated_values(count: int,
     (factor,) = correlated_variance(np.array([count]), rho)
     assert count * values.mean(axis=1).var() == pytest.approx(factor, rel=0.04)
     assert correlated_variance(np.zeros(1, dtype=np.int64), rho) == 1.0
+
+
+def test_elevations_have_the_smaller_correlation_of_the_two(floor: Tracks) -> None:
+    rho, of_elevation, floor = 0.7, 0.2, floor.select(floor.track < 40)
+    found = solve(floor, make_vehicle_path(), track_correlation=rho, elevation_correlation=of_elevation)
+    views = np.bincount(floor.track[found.observed], minlength=floor.count)
+    others = np.maximum(views - 1, 0)
+    np.testing.assert_allclose(found.elevation_information_ratio, (1 + rho * others) / (1 + of_elevation * others))
+    assert found.elevation_information_ratio.max() > 2

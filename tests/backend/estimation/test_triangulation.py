@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asfm.backend.estimation.triangulation import CHUNK_OBSERVATIONS, Gate, triangulate_tracks, whitened_residuals
+from asfm.backend.estimation.triangulation import (
+    CHUNK_OBSERVATIONS,
+    Gate,
+    squared_residuals,
+    triangulate_tracks,
+    whitened_residuals,
+)
 from asfm.geometry.poses import invert, make_pose, transform
 from asfm.geometry.sonar import SonarModel, back_project, project, project_jacobian
 from asfm.types import FloatArray, IntArray, Tracks
@@ -172,3 +178,62 @@ def test_residuals_are_in_sigmas_and_elevations_as_seen() -> None:
     np.testing.assert_allclose(residual, np.tile([2.0, -2.0], (len(tracks), 1)), atol=1e-9)
     seen = back_project(exact.range_m, exact.bearing_rad, elevation_rad)
     np.testing.assert_allclose(transform(poses[tracks.frame], seen), xyz_m[tracks.track], atol=1e-9)
+
+
+def _one_track(poses: FloatArray, xyz_m: FloatArray) -> Tracks:
+    """Let every frame observe one point, inside its field of view or not."""
+    range_m, bearing_rad, _ = project(transform(invert(poses), xyz_m))
+    return Tracks(np.zeros(len(poses), int), np.arange(len(poses)), range_m, bearing_rad)
+
+
+def _rolled_poses(roll_rad: FloatArray) -> FloatArray:
+    """Make poses at one place that differ in roll, which determines the elevation."""
+    return make_pose(np.zeros((len(roll_rad), 3)), Rotation.from_rotvec(np.outer(roll_rad, [1.0, 0.0, 0.0])))
+
+
+def test_a_few_gross_errors_do_not_choose_the_elevation() -> None:
+    """Five views agree on a low point, two on a high one, kilometres of sigmas away: the majority decides.
+
+    Without the truncation the sum of squares lies between the two, where no view agrees.
+    """
+    poses = _rolled_poses(np.linspace(-0.6, 0.6, 7))
+    low, high = (back_project(np.array(5.0), np.array(0.1), elevation) for elevation in (-0.12, 0.12))
+    tracks, other = _one_track(poses, low), _one_track(poses, high)
+    wrong = np.isin(np.arange(7), [0, 6])
+    mixed = Tracks(
+        tracks.track,
+        tracks.frame,
+        np.where(wrong, 7.0, tracks.range_m),
+        np.where(wrong, other.bearing_rad, tracks.bearing_rad),
+    )
+    found = triangulate_tracks(mixed, poses, SONAR, np.tile(SIGMA, (7, 1)), GATE)
+    np.testing.assert_allclose(found.xyz_m[0], low, atol=0.02)
+    np.testing.assert_array_equal(found.inlier, ~wrong)
+
+
+def test_observations_of_a_point_outside_their_aperture_are_outliers_at_its_distance_in_edge_sigmas() -> None:
+    xyz_m = back_project(
+        np.array([5.0, 5.0]), np.zeros(2), np.array([0.0, GATE.half_aperture_rad + 2.5 * GATE.edge_rad])
+    )
+    tracks = Tracks(np.array([0, 1]), np.array([0, 0]), np.full(2, 5.0), np.zeros(2))
+    square, residual = squared_residuals(xyz_m, tracks, np.tile(np.eye(4), (2, 1, 1)), np.tile(SIGMA, (2, 1)), GATE)
+    np.testing.assert_allclose(square, [0.0, 6.25], atol=1e-9)
+    np.testing.assert_allclose(residual, 0.0, atol=1e-9)
+
+
+def test_of_a_point_and_its_reflection_the_search_takes_the_one_inside_the_aperture_of_all_frames() -> None:
+    """Sideways motion leaves the sign of the elevation open; of frames pitched in place one can only see one sign.
+
+    Most frames see the reflection nearer to the middle of their beam: the weak prior alone would take it.
+    """
+    half = GATE.half_aperture_rad
+    aside, in_place = np.linspace(-2.5, 2.5, 6), np.array([-0.28] * 10 + [1.43])
+    y_m, pitch_rad = np.append(aside, np.zeros(11)), np.append(np.zeros(6), in_place * half)
+    poses = make_pose(
+        np.stack([0 * y_m, y_m, 0 * y_m], axis=1), Rotation.from_rotvec(np.outer(pitch_rad, [0.0, 1.0, 0.0]))
+    )
+    below = back_project(np.array(5.0), np.array(0.0), -0.7 * half)
+    tracks = _one_track(poses, below)
+    found = triangulate_tracks(tracks, poses, SONAR, np.tile(0.1 * SIGMA, (len(tracks), 1)), GATE)
+    np.testing.assert_allclose(found.xyz_m[0], below, atol=0.01)
+    assert found.inlier.all()

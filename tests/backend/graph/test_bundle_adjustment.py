@@ -239,3 +239,55 @@ def test_same_input_same_bytes() -> None:
     first, again = (_solve(make_world(8, frame_count=8, points=20)) for _ in range(2))
     assert first.world_from_vehicle.tobytes() == again.world_from_vehicle.tobytes()
     assert first.xyz_m.tobytes() == again.xyz_m.tobytes()
+
+
+@pytest.mark.parametrize("channel", [0, 1, 2])
+@pytest.mark.parametrize("heading_rad", [0.2, 1.5, -2.5])
+def test_one_channel_of_navigation_alone_moves_no_other_angle_at_any_heading(channel: int, heading_rad: float) -> None:
+    """Height, roll or pitch differs from odometry by a constant; the other angle keeps odometry's value."""
+    turn = make_pose(np.zeros(3), Rotation.from_euler("z", heading_rad))
+    world = make_world(6, frame_count=6, points=1)
+    slopes = np.outer(np.arange(6), [0.05, 0.01, 0.02])
+    poses = turn @ make_pose(world.poses[:, :3, 3], Rotation.from_euler("ZYX", slopes))
+    recorded = np.column_stack([poses[:, 2, 3], slopes[:, 2], slopes[:, 1]])
+    offset, sigma = np.zeros(3), np.full(recorded.shape, np.inf)
+    offset[channel], sigma[:, channel] = 0.03, 1e-3
+    rotation = np.kron(np.eye(2), poses[0, :3, :3].T)
+    sensors = SensorConstraints(
+        poses[0],
+        rotation @ np.diag([0.3, 0.3, 1e-6, 1e-6, 1e-6, 0.3]) ** 2 @ rotation.T,
+        True,
+        invert(poses[:-1]) @ poses[1:],
+        np.full((5, 2), 0.01),
+        recorded + offset,
+        sigma,
+    )
+    blind = replace(world.problem, sensors=sensors, observed=np.zeros(len(world.problem.tracks), dtype=bool))
+    found = adjust_bundle(blind, poses, world.start_xyz_m, relative_tolerance=1e-9).world_from_vehicle
+    angles = Rotation.from_matrix(found[:, :3, :3]).as_euler("ZYX")
+    moved = np.column_stack([found[:, 2, 3], angles[:, 2], angles[:, 1]]) - recorded
+    compared = [0] if channel == 0 else [1, 2]  # an attitude that turns moves the height of what odometry chains
+    np.testing.assert_allclose(moved[:, compared], np.tile(offset[compared], (6, 1)), atol=5e-3)
+
+
+def test_every_optimisation_begins_with_points_inside_the_aperture(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Points given high above the beams are first moved to its edge, at their range and bearing."""
+    world = make_world(9, noise=0.0, drift=0.0, frame_count=3, points=12)
+    still, first = np.repeat(world.poses[:1], 3, axis=0), world.problem.tracks.frame == 0
+    sensors = replace(world.problem.sensors, steps=np.repeat(np.eye(4)[None], 2, axis=0))
+    problem = replace(world.problem, observed=first, sensors=sensors)
+    above = back_project(np.full(12, 5.0), np.linspace(-0.3, 0.3, 12), 1.0)
+    begun: list[FloatArray] = []
+
+    def begin(_: gtsam.NonlinearFactorGraph, initial: gtsam.Values) -> gtsam.Values:
+        tracks = np.unique(problem.tracks.track[first]).tolist()
+        begun.append(np.stack([initial.atPoint3(FIRST_POINT + track) for track in tracks]))
+        return initial
+
+    monkeypatch.setattr("asfm.backend.graph.bundle_adjustment._optimise", begin)
+    adjust_bundle(problem, still, transform(still[0] @ LEVER_ARM, above))
+    used = np.unique(problem.tracks.track[first])
+    range_m, bearing_rad, elevation_rad = project(transform(invert(still[0] @ LEVER_ARM), begun[0]))
+    np.testing.assert_allclose(elevation_rad, problem.half_aperture_rad)
+    np.testing.assert_allclose(range_m, 5.0)
+    np.testing.assert_allclose(bearing_rad, np.linspace(-0.3, 0.3, 12)[used], atol=1e-9)

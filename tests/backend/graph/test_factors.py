@@ -230,3 +230,22 @@ def test_sonar_factors_are_robust_to_gross_errors(make: Make) -> None:
         wrong = back_project(np.array(range_m * (1 + share)), np.array(bearing_rad + share), elevation_rad)
         costs.append(factor.error(_values(world_from_vehicle, transform(world_from_vehicle @ LEVER_ARM, wrong))))
     assert 1 < costs[1] / costs[0] < 10
+
+
+@pytest.mark.parametrize("sigmas", [0.5, 2.0, 6.0])
+def test_sonar_factors_have_a_cauchy_kernel_that_halves_the_weight_at_two_sigmas(sigmas: float) -> None:
+    """The cost is k^2 / 2 log(1 + (e / k)^2) with k = 2 sigmas; a Gaussian's is e^2 / 2."""
+    point = back_project(np.array(5.0), np.zeros(1)[0], 0.0)
+    values = _values(np.eye(4), point)
+    expected = 2.0 * np.log(1 + (sigmas / 2.0) ** 2)
+    of_range = range_factor(POSE, POINT, 5.0 - sigmas * 0.05, 0.05, gtsam.Pose3())
+    assert of_range.error(values) == pytest.approx(expected)
+    of_bearing = bearing_factor(POSE, POINT, -np.arctan(sigmas * 0.01), 0.01, gtsam.Pose3())
+    assert of_bearing.error(values) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("sigmas", [1.0, 2.9, 10.0])
+def test_depth_has_a_huber_kernel_from_three_sigmas_on(sigmas: float) -> None:
+    expected = sigmas**2 / 2 if sigmas < 3 else 3 * (sigmas - 1.5)
+    factor = depth_factor(POSE, -sigmas * 0.02, 0.02)
+    assert factor.error(_values(np.eye(4), np.zeros(3))) == pytest.approx(expected, rel=1e-3)

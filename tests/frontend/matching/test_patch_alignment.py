@@ -149,3 +149,45 @@ def test_pairs_without_matches_keep_their_position() -> None:
     keypoints = [keypoints_at(make_texture(10), make_positions(5))] * 2
     matches = align_matches([make_match(0), make_match(5)], keypoints, SONAR, unwarped_config(max_sigma_px=100.0))
     assert [len(match) for match in matches] == [0, 5]
+
+
+def sigma_px(match: Matches) -> FloatArray:
+    """Return the (M, 2) sigmas in rows and columns of the image, which is not stretched."""
+    assert match.sigma is not None
+    return np.asarray(match.sigma / [SONAR.range_step_m, SONAR.bearing_step_rad])
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_an_edge_is_uncertain_in_range_or_bearing_whichever_runs_along_it(axis: int) -> None:
+    stripes = np.sin(np.arange(SIDE_PX) / 3.0).astype(np.float32)[:, None] * np.ones(SIDE_PX, dtype=np.float32)
+    edge = stripes if axis == 1 else stripes.T
+    keypoints = [keypoints_at(edge + np.float32(0.1) * make_texture(seed), make_positions()) for seed in (7, 8)]
+    (match,) = align_matches([make_match(60)], keypoints, SONAR, unwarped_config(max_sigma_px=1e3))
+    found = np.median(sigma_px(match), axis=0)
+    assert found[axis] > 1.5 * found[1 - axis]
+
+
+def test_sigmas_are_the_scaled_ones_of_the_alignment_and_the_floor_in_quadrature() -> None:
+    image, positions = make_texture(11), make_positions()
+    keypoints = [keypoints_at(image + np.float32(0.05) * make_texture(seed), positions) for seed in (12, 13)]
+
+    def align(scale: float, floor_px: float) -> FloatArray:
+        localisation = LocalisationConfig(sigma_scale=scale, floor_px=floor_px, max_sigma_px=1e3, radius_px=10)
+        config = unwarped_config().model_copy(update={"localisation": localisation})
+        (match,) = align_matches([make_match(60)], keypoints, SONAR, config)
+        return sigma_px(match)
+
+    aligned = align(1.0, 1e-6)
+    np.testing.assert_allclose(align(1e-6, 0.3), 0.3, rtol=1e-3)
+    np.testing.assert_allclose(align(3.0, 1e-6), 3 * aligned, rtol=1e-3)
+    np.testing.assert_allclose(align(3.0, 0.3), np.hypot(3 * aligned, 0.3), rtol=1e-3)
+
+
+@pytest.mark.parametrize(("shift_px", "least", "most"), [(1.0, 0.95, 1.0), (6.0, 0.0, 0.5)])
+def test_matches_whose_patches_lie_far_apart_are_rejected(shift_px: float, least: float, most: float) -> None:
+    """However small the stated sigma: the linearisation is not valid so far away."""
+    image, positions = make_texture(14, blur_px=8.0), make_positions()
+    moved = move(image, np.array([0.0, shift_px]))
+    keypoints = [keypoints_at(image, positions), keypoints_at(moved, positions)]
+    (match,) = align_matches([make_match(60)], keypoints, SONAR, unwarped_config(max_sigma_px=1e3))
+    assert least <= len(match) / 60 <= most

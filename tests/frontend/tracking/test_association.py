@@ -156,3 +156,29 @@ def test_tracks_have_at_least_min_views() -> None:
         config = Config(tracks=TracksConfig(min_views=min_views))
         tracks = associate(world.keypoints, candidates, SONAR, world.world_from_sonar, config)
         assert np.bincount(tracks.track).min() >= min_views
+
+
+def see_ahead(range_m: list[list[float]]) -> tuple[list[Keypoints], FloatArray]:
+    """Make the keypoints and poses of a sonar at rest that sees points straight ahead, at each frame's ranges."""
+    keypoints = [make_keypoints(np.array(ranges), np.zeros(len(ranges)), sonar=SONAR) for ranges in range_m]
+    return keypoints, np.tile(np.eye(4), (len(range_m), 1, 1))
+
+
+NARROW_GATE = Config(tracks=TracksConfig(gate_factor=1e-3, min_gate=2.0, min_views=2))
+
+
+@pytest.mark.parametrize(("sigmas", "kept"), [(1.9, 1), (2.1, 0)])
+def test_the_gate_is_in_sigmas_of_the_difference_of_two_features(sigmas: float, kept: int) -> None:
+    difference_m = sigmas * np.sqrt(2) * float(feature_sigma(SONAR, CONFIG.noise)[0])
+    keypoints, poses = see_ahead([[5.0], [5.0 + difference_m]])
+    candidates = [Matches(0, 1, np.zeros((1, 2), dtype=np.int64), np.zeros(1))]
+    assert associate(keypoints, candidates, SONAR, poses, NARROW_GATE).count == kept
+
+
+def test_of_two_matches_of_one_keypoint_the_one_nearer_to_its_arc_is_used() -> None:
+    """Their costs alone prefer the other one, by less than the distances say."""
+    sigma_m = np.sqrt(2) * float(feature_sigma(SONAR, CONFIG.noise)[0])
+    keypoints, poses = see_ahead([[5.0, 5.0 + 1.6 * sigma_m], [5.0]])
+    candidates = [Matches(0, 1, np.array([[0, 0], [1, 0]]), np.array([0.55, 0.5]))]
+    tracks = associate(keypoints, candidates, SONAR, poses, NARROW_GATE)
+    np.testing.assert_array_equal(tracks.range_m, [5.0, 5.0])
