@@ -20,9 +20,10 @@ MIN_BEAM_SPACING_DEG = 0.02
 """The finest imaging sonars have 0.08 degrees a beam."""
 MIN_APERTURE_DEG, MAX_APERTURE_DEG = 0.9, 90.0
 """Concentrator lenses narrow a DIDSON's aperture to one degree; no imaging sonar is wider than the upper bound."""
-RANGE_STEPS_M = (1e-4, 0.5)
-"""Range resolutions of imaging sonars lie well between these."""
-MAX_RANGE_M = 1500.0
+MAX_RANGE_STEP_M = 2.0
+"""Imaging sonars resolve centimetres."""
+RANGES_M = (0.2, 1500.0)
+"""Range windows of imaging sonars end between these."""
 SOUND_SPEED_M_S = 1500.0
 SPARE_ECHO_TIME = 1.2
 """A ping may take this much longer than frames are apart: the sound speed varies, and stamps jitter."""
@@ -98,9 +99,9 @@ def _check_range(sequence: Sequence) -> Iterator[Diagnostic]:
     unit = "millimetres, centimetres or feet?"
     frame_step_s = median_step_s(sequence.timestamps_s)
     echo_s = 2 * far_m / SOUND_SPEED_M_S
-    if step_m < RANGE_STEPS_M[0]:
-        yield Diagnostic("implausible-range", f"{what}, finer than any imaging sonar resolves: kilometres?")
-    elif step_m > RANGE_STEPS_M[1] or far_m > MAX_RANGE_M:
+    if far_m < RANGES_M[0]:
+        yield Diagnostic("implausible-range", f"{what}, nearer than any imaging sonar looks: kilometres?")
+    elif step_m > MAX_RANGE_STEP_M or far_m > RANGES_M[1]:
         yield Diagnostic("implausible-range", f"{what}, beyond any imaging sonar's: {unit}")
     elif echo_s > SPARE_ECHO_TIME * frame_step_s and not _has_nominal_stamps(sequence):
         yield Diagnostic(

@@ -97,7 +97,7 @@ def check_image_order(path: Path, rows: list[Row], column: int) -> list[Diagnost
     first = wrong[0]
     message = (
         f"{path.name}, line {rows[first][0]}: the image {names[first][-80:]} follows {names[first - 1][-80:]}: numbers "
-        f"in the names do not rise with the stamps, {len(wrong)} times; sort the images by number if that is their order"
+        f"in the names do not rise with the stamps, {len(wrong)} times; sort the images by number if they were taken so"
     )
     selected = np.zeros(len(names), dtype=bool)
     selected[wrong] = True
