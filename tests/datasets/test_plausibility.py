@@ -43,11 +43,15 @@ def make_sequence(
 ) -> Sequence:
     """Make a sequence at 0.5 m/s with all sensors, whose lengths are in units of 1 / ``metres``."""
     model = sonar or make_sonar()
-    stamps_s = step_s * np.arange(COUNT)
-    poses = make_pose(np.outer(0.1 * metres * np.arange(COUNT), [1.0, 0, 0]), Rotation.identity(COUNT))
+    stamps_s = step_s * np.arange(COUNT, dtype=np.float64)
+    poses = make_pose(
+        np.outer(0.1 * metres * np.arange(COUNT, dtype=np.float64), [1.0, 0, 0]), Rotation.identity(COUNT)
+    )
     image = np.full(model.shape, 0.4, np.float32)
     image.ravel()[: round(bright * image.size)] = 1
-    navigation = Navigation(stamps_s, z_m - 0.01 * metres * np.arange(COUNT), np.zeros(COUNT), np.zeros(COUNT))
+    navigation = Navigation(
+        stamps_s, z_m - 0.01 * metres * np.arange(COUNT, dtype=np.float64), np.zeros(COUNT), np.zeros(COUNT)
+    )
     return Sequence(
         name="here",
         sonar=model,

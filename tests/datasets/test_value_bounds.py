@@ -22,7 +22,7 @@ UNITS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
     count=st.integers(1, 5),
 )
 def test_seconds_are_accepted(start_s: float, step_s: float, count: int) -> None:
-    check_stamps(WHERE, start_s + step_s * np.arange(count))
+    check_stamps(WHERE, start_s + step_s * np.arange(count, dtype=np.float64))
 
 
 @pytest.mark.parametrize("name", UNITS)
@@ -30,7 +30,7 @@ def test_seconds_are_accepted(start_s: float, step_s: float, count: int) -> None
 def test_times_since_1970_in_other_units_are_refused_by_name(
     name: str, start_s: float, step_s: float, count: int
 ) -> None:
-    stamps = (start_s + step_s * np.arange(count)) * UNITS[name]
+    stamps = (start_s + step_s * np.arange(count, dtype=np.float64)) * UNITS[name]
     exponent = round(np.log10(UNITS[name]))
     with pytest.raises(AsfmError, match=rf"a\.csv, line 2: expected seconds .*like {name}: divide by 1e{exponent}$"):
         check_stamps(WHERE, stamps, list(range(2, 2 + count)))
@@ -38,7 +38,7 @@ def test_times_since_1970_in_other_units_are_refused_by_name(
 
 @pytest.mark.parametrize(("name", "step_s"), [("nanoseconds", 0.2), ("nanoseconds", 0.03), ("microseconds", 0.1)])
 def test_times_since_the_start_in_other_units_are_refused_by_name(name: str, step_s: float) -> None:
-    stamps = UNITS[name] * step_s * np.arange(10)
+    stamps = UNITS[name] * step_s * np.arange(10, dtype=np.float64)
     with pytest.raises(AsfmError, match=rf"frame \d+: expected seconds as timestamp_s, found .*look like {name}"):
         check_stamps(WHERE, stamps)
 
