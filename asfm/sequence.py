@@ -33,6 +33,8 @@ class Sequence:
     """Name of the file format."""
     diagnostics: tuple[Diagnostic, ...] = ()
     """Problems that the reader found and worked around."""
+    check_frames: Callable[[], None] = lambda: None
+    """Looks at the headers of all images, cheaply; raises AsfmError naming the first that cannot be read."""
 
     def __len__(self) -> int:
         return len(self.timestamps_s)

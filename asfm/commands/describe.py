@@ -10,6 +10,8 @@ def describe_sequence(path: Path) -> list[Row]:
     """Return (name, value with unit) rows that describe a sequence of any supported format.
 
     Raises:
-        AsfmError: the sequence or its first frame cannot be read.
+        AsfmError: the sequence or its first frame cannot be read, or an image is of another kind or size.
     """
-    return summarise_sequence(open_sequence(path))
+    sequence = open_sequence(path)
+    sequence.check_frames()
+    return summarise_sequence(sequence)

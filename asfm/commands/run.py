@@ -68,6 +68,7 @@ def run_sequence(
     begin_s = time.perf_counter()
     config = config or Config()
     sequence = open_sequence(path)
+    sequence.check_frames()
     names = name_images(path, sequence)
     given = external_matches and read_hloc(*external_matches, sequence, names)
     with atomic_folder(output, RESULTS, overwrite) as folder:

@@ -4,9 +4,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from asfm.datasets.aris.reader import is_aris, read_aris
+from asfm.datasets.file_kinds import SNIFFED_BYTES, name_kind
 from asfm.datasets.holoocean.reader import is_holoocean, read_holoocean
 from asfm.datasets.native.reader import is_native, open_native_truth, read_native
 from asfm.datasets.oculus.reader import is_oculus, read_oculus
+from asfm.datasets.plausibility import check_plausibility
 from asfm.errors import AsfmError
 from asfm.sequence import Sequence
 from asfm.types import FrameTruth
@@ -29,21 +31,31 @@ def open_sequence(path: Path) -> Sequence:
         path: folder or file of the recording.
 
     Returns:
-        The sequence; its images are read on demand.
+        The sequence; its images are read on demand. Its diagnostics tell what the reader worked around and which
+        values are implausible.
 
     Raises:
-        AsfmError: the path does not exist, cannot be read, is of no supported format or is damaged.
+        AsfmError: the path does not exist, cannot be read, is of no supported format, is damaged or holds values
+            that cannot be.
     """
     try:
         if not path.exists():
             raise AsfmError(f"{path}: expected a sequence, found nothing there")
         for _, is_format, read in FORMATS:
             if is_format(path):
-                return read(path)
+                return check_plausibility(path, read(path))
+        kind = _name_kind(path)
     except OSError as error:
         raise AsfmError(f"{path}: cannot read: {error.strerror} ({error.filename or path})") from None
     formats = "; ".join(description for description, _, _ in FORMATS)
-    raise AsfmError(f"{path}: expected one of the formats that are read ({formats}), found none of them")
+    raise AsfmError(f"{path}: expected one of the formats that are read ({formats}), found {kind or 'none of them'}")
+
+
+def _name_kind(path: Path) -> str | None:
+    if not path.is_file():
+        return None
+    with path.open("rb") as file:
+        return name_kind(file.read(SNIFFED_BYTES))
 
 
 def open_truth(path: Path) -> Callable[[int], FrameTruth] | None:

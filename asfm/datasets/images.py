@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from asfm.datasets.file_kinds import name_kind
 from asfm.errors import AsfmError
 from asfm.types import ImageArray
 
@@ -33,6 +34,15 @@ def read_png_shape(path: Path) -> tuple[int, int]:
     return _parse_header(path, header)
 
 
+def check_png_shape(path: Path, shape: tuple[int, int]) -> None:
+    """Check by its header that a PNG is grey and has (rows, columns).
+
+    Raises:
+        AsfmError: the file is missing, not a PNG, not grey or of another size.
+    """
+    _check_shape(path, read_png_shape(path), shape)
+
+
 def read_grey_png(path: Path, shape: tuple[int, int]) -> NDArray[Any]:
     """Read an 8- or 16-bit grey PNG.
 
@@ -52,12 +62,7 @@ def read_grey_png(path: Path, shape: tuple[int, int]) -> NDArray[Any]:
         content = path.read_bytes()
     except OSError as error:
         raise AsfmError(f"{path}: expected a grey PNG image, found none: {error.strerror}") from None
-    found = _parse_header(path, content)
-    if found != shape:
-        raise AsfmError(
-            f"{path}: expected {shape[0]} x {shape[1]} pixels (ranges x beams) as in the first image, "
-            f"found {found[0]} x {found[1]}"
-        )
+    _check_shape(path, _parse_header(path, content), shape)
     _check_chunks(path, content)
     try:
         pixels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
@@ -90,9 +95,9 @@ def quantise(image: ImageArray, bits: Bits) -> NDArray[Any]:
 
 def _parse_header(path: Path, content: bytes) -> tuple[int, int]:
     if len(content) < HEADER_BYTES or not content.startswith(SIGNATURE) or content[12:16] != b"IHDR":
-        raise AsfmError(
-            f"{path}: expected a grey PNG image, found {len(content[:HEADER_BYTES])} bytes that are no PNG header"
-        )
+        kind = None if content.startswith(SIGNATURE) else name_kind(content[:HEADER_BYTES])
+        found = f"{len(content[:HEADER_BYTES])} bytes that are no PNG header{f' but {kind}' if kind else ''}"
+        raise AsfmError(f"{path}: expected a grey PNG image, found {found}")
     columns, rows, _, colour = struct.unpack_from(">IIBB", content, 16)
     if colour != 0:
         raise AsfmError(
@@ -100,6 +105,14 @@ def _parse_header(path: Path, content: bytes) -> tuple[int, int]:
             f"found {COLOUR_TYPES.get(colour, f'colour type {colour}')}: convert it to grey"
         )
     return rows, columns
+
+
+def _check_shape(path: Path, found: tuple[int, int], shape: tuple[int, int]) -> None:
+    if found != shape:
+        raise AsfmError(
+            f"{path}: expected {shape[0]} x {shape[1]} pixels (ranges x beams) as in the first image, "
+            f"found {found[0]} x {found[1]}"
+        )
 
 
 def _check_chunks(path: Path, content: bytes) -> None:

@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from asfm.geometry.sonar import SonarModel
 from asfm.sequence import Sequence
-from asfm.types import Frame, HandTracks, Trajectory
+from asfm.types import FloatArray, Frame, HandTracks, Trajectory
 
 Row = tuple[str, str]
 
@@ -84,7 +84,14 @@ def _describe_navigation(sequence: Sequence) -> str:
     if sequence.navigation is None:
         return "none"
     z_m = sequence.navigation.z_m
-    return f"{len(z_m)} readings, z from {z_m.min():.2f} to {z_m.max():.2f} m"
+    return f"{len(z_m)} readings, z from {z_m.min():.2f} to {z_m.max():.2f} m, {_explain_height(z_m)}"
+
+
+def _explain_height(z_m: FloatArray) -> str:
+    """Say where heights (N,) lie in a world whose z points up."""
+    if z_m.min() > 0:
+        return "above the origin (z points up: a depth must be negated)"
+    return "below the origin (z points up)" if z_m.max() < 0 else "about the origin (z points up)"
 
 
 def _describe_hand_tracks(tracks: HandTracks | None) -> str:

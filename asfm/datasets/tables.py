@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from asfm.datasets.file_kinds import LFS_ADVICE, is_lfs_pointer
+from asfm.datasets.value_bounds import check_stamps
 from asfm.errors import AsfmError
 from asfm.geometry.poses import pose_from_tum
 from asfm.types import FloatArray, IntArray, Trajectory
@@ -116,11 +118,12 @@ def parse_integers(path: Path, rows: list[Row], column: int, name: str) -> IntAr
 
 
 def check_increasing(path: Path, rows: list[Row], timestamps_s: FloatArray) -> None:
-    """Check that the stamps (N,) increase strictly.
+    """Check that the stamps (N,) can be seconds and increase strictly.
 
     Raises:
-        AsfmError: a stamp is not later than the one before.
+        AsfmError: a stamp is in another unit, or not later than the one before.
     """
+    check_stamps(path, timestamps_s, [line for line, _ in rows])
     for index in np.flatnonzero(np.diff(timestamps_s) <= 0)[:1]:
         previous_s, found_s = float(timestamps_s[index]), float(timestamps_s[index + 1])
         raise AsfmError(
@@ -148,6 +151,8 @@ def _split_lines(path: Path, csv_lines: bool) -> Iterator[Row]:
         raise AsfmError(f"{path}: expected a file, found none") from None
     except (OSError, UnicodeDecodeError) as error:
         raise AsfmError(f"{path}: cannot read the table: {error}") from None
+    if is_lfs_pointer(text[:80].encode()):
+        raise AsfmError(f"{path}: expected a table, found {LFS_ADVICE}")
     lines = text.splitlines()
     if not csv_lines:
         split = (line.partition("#")[0].split() for line in lines)

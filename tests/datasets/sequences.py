@@ -31,7 +31,7 @@ def make_sequence(sonar: SonarModel = EVEN, count: int = 3, bits: int = 8, seed:
         read_frame=lambda index: Frame(index, float(stamps[index]), images[index], invalid[index]),
         vehicle_from_sonar=make_pose(np.array([0.1, -0.2, 0.3]), Rotation.from_euler("y", 0.3)),
         odometry=Trajectory(stamps, poses),
-        navigation=Navigation(stamps, *rng.normal(size=(3, count))),
+        navigation=Navigation(stamps, *(rng.normal(size=(3, count)) * [[1.0], [0.3], [0.3]])),
         groundtruth=Trajectory(stamps - 0.01, poses),
         noise=SensorNoise(0.01, 0.02, 0.03, 0.04, 0.05),
         hand_tracks=HandTracks(stamps, np.arange(count), rng.uniform(1, 2, count), rng.uniform(-0.1, 0.1, count)),

@@ -1,5 +1,6 @@
 """Summary of a sequence as rows of text."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from asfm.diagnostics import Diagnostic
 from asfm.geometry.poses import make_pose
 from asfm.geometry.sonar import SonarModel
 from asfm.sequence import Sequence
-from asfm.types import Frame, Trajectory
+from asfm.types import Frame, Navigation, Trajectory
 
 DIAGNOSTICS = (
     Diagnostic("variable-sound-speed", "the sound speed varies"),
@@ -71,6 +72,20 @@ def test_one_frame_can_be_summarised() -> None:
 def test_the_path_length_is_the_sum_of_the_steps() -> None:
     there_and_back = make_pose(np.array([[0.0, 0, 0], [0, 0, 2], [0, 0, 0]]), Rotation.identity(3))
     assert path_length_m(Trajectory(np.arange(3.0), there_and_back)) == pytest.approx(4)
+
+
+@pytest.mark.parametrize(
+    ("z_m", "meaning"),
+    [
+        ([1.8, 2.4], "z from 1.80 to 2.40 m, above the origin (z points up: a depth must be negated)"),
+        ([-2.4, -1.8], "z from -2.40 to -1.80 m, below the origin (z points up)"),
+        ([-0.1, 0.1], "z from -0.10 to 0.10 m, about the origin (z points up)"),
+    ],
+)
+def test_the_sign_of_heights_is_explained(z_m: list[float], meaning: str) -> None:
+    navigation = Navigation(np.arange(2.0), np.array(z_m), np.zeros(2), np.zeros(2))
+    table = dict(summarise_sequence(dataclasses.replace(make_sequence(), navigation=navigation)))
+    assert table["navigation"] == f"2 readings, {meaning}"
 
 
 def test_recordings_can_be_summarised(shared_data: Path) -> None:

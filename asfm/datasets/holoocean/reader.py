@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from asfm.datasets.holoocean.config_json import Scenario, read_scenario
+from asfm.datasets.holoocean.pixel_scale import choose_scale
 from asfm.datasets.holoocean.ticks import Tick, load_state, read_image, read_ticks
 from asfm.datasets.images import scale_to_unit
 from asfm.diagnostics import Diagnostic
@@ -30,6 +31,8 @@ class PickledFrames:
     sonar_name: str
     shape: tuple[int, int]
     """(ranges, beams)"""
+    scale: float = 1.0
+    """Image value per unit of the pixels that are floats."""
 
 
 def is_holoocean(path: Path) -> bool:
@@ -60,7 +63,9 @@ def read_holoocean(path: Path) -> Sequence:
     ticks = read_ticks(data, scenario, diagnostics)
     scenario.check_shape(ticks[0].shape, ticks[0].path)
     timestamps_s = _choose_timestamps(ticks, scenario, diagnostics)
-    frames = PickledFrames(timestamps_s, tuple(tick.path for tick in ticks), scenario.sonar_name, ticks[0].shape)
+    scale = choose_scale(data, [tick.levels for tick in ticks if tick.levels is not None], diagnostics)
+    paths = tuple(tick.path for tick in ticks)
+    frames = PickledFrames(timestamps_s, paths, scenario.sonar_name, ticks[0].shape, scale)
     return Sequence(
         name=root.resolve().name,
         sonar=_make_sonar(scenario, frames.shape),
@@ -69,11 +74,12 @@ def read_holoocean(path: Path) -> Sequence:
         groundtruth=_collect_groundtruth(ticks, timestamps_s, scenario, diagnostics),
         kind="holoocean",
         diagnostics=tuple(diagnostics),
+        check_frames=partial(_check_shapes, ticks, scenario.sonar_name),
     )
 
 
 def read_pickled_frame(frames: PickledFrames, index: int) -> Frame:
-    """Read one image, clipped to 0..1; pixels that are not finite become 0 and invalid.
+    """Read one image, scaled and clipped to 0..1; pixels that are not finite become 0 and invalid.
 
     Raises:
         AsfmError: the pickle cannot be read, or its image has another shape.
@@ -83,12 +89,20 @@ def read_pickled_frame(frames: PickledFrames, index: int) -> Frame:
         raise IndexError(f"frame {index} of a sequence with frames 0..{len(frames.paths) - 1}")
     path = frames.paths[index]
     pixels = read_image(path, load_state(path), frames.sonar_name)
-    if pixels.shape != frames.shape:
+    _check_shape(path, frames.sonar_name, pixels.shape, frames.shape)
+    return Frame(index, float(frames.timestamps_s[index]), *_unit_image(pixels, frames.scale))
+
+
+def _check_shapes(ticks: list[Tick], name: str) -> None:
+    for tick in ticks:
+        _check_shape(tick.path, name, tick.shape, ticks[0].shape)
+
+
+def _check_shape(path: Path, name: str, found: tuple[int, ...], expected: tuple[int, int]) -> None:
+    if found != expected:
         raise AsfmError(
-            f"{path}: expected {frames.sonar_name} of shape {frames.shape} (ranges, beams) as in the first pickle, "
-            f"found {pixels.shape}"
+            f"{path}: expected {name} of shape {expected} (ranges, beams) as in the first pickle, found {found}"
         )
-    return Frame(index, float(frames.timestamps_s[index]), *_unit_image(pixels))
 
 
 def _find_folders(path: Path) -> tuple[Path, Path] | None:
@@ -142,10 +156,10 @@ def _collect_groundtruth(
     return Trajectory(timestamps_s[known], np.stack(poses))
 
 
-def _unit_image(pixels: Any) -> tuple[ImageArray, BoolArray]:
+def _unit_image(pixels: Any, scale: float) -> tuple[ImageArray, BoolArray]:
     """Return the image in 0..1 and its mask of invalid pixels, both (ranges, beams)."""
     if pixels.dtype == np.uint8:
         return scale_to_unit(pixels), np.zeros(pixels.shape, dtype=bool)
     invalid = ~np.isfinite(pixels)
     image = np.where(invalid, 0, pixels).astype(np.float32)
-    return np.clip(image, 0.0, 1.0), invalid
+    return np.clip(image * np.float32(scale), 0.0, 1.0), invalid

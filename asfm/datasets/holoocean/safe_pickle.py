@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from asfm.datasets.file_kinds import LFS_ADVICE, is_lfs_pointer
 from asfm.errors import AsfmError
 
 PLAIN_DTYPE = re.compile(r"[biufSU]\d{1,6}")
@@ -42,6 +43,8 @@ def load_pickle(path: Path) -> Any:
         content = path.read_bytes()
     except OSError as error:
         raise AsfmError(f"{path}: cannot read the pickle: {error.strerror}") from None
+    if is_lfs_pointer(content):
+        raise AsfmError(f"{path}: expected a pickle, found {LFS_ADVICE}")
     try:
         return _Unpickler(io.BytesIO(content)).load()
     except _Refused as refusal:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asfm.datasets.holoocean.config_json import Scenario
+from asfm.datasets.holoocean.pixel_scale import Levels, measure_levels
 from asfm.datasets.holoocean.safe_pickle import load_pickle
 from asfm.diagnostics import Diagnostic
 from asfm.errors import AsfmError
@@ -29,6 +30,8 @@ class Tick:
     time_s: float | None
     world_from_sonar: FloatArray | None
     """(4, 4)"""
+    levels: Levels | None = None
+    """Values of the image's pixels; None where they are bytes."""
 
 
 def read_ticks(data: Path, scenario: Scenario, diagnostics: list[Diagnostic]) -> list[Tick]:
@@ -51,10 +54,11 @@ def read_ticks(data: Path, scenario: Scenario, diagnostics: list[Diagnostic]) ->
         state = load_state(path)
         if scenario.sonar_name not in state:
             continue
-        shape = read_image(path, state, scenario.sonar_name).shape
+        pixels = read_image(path, state, scenario.sonar_name)
         time_s = None if "t" not in state else _read_time(path, state["t"])
         pose = _read_pose(path, state[scenario.pose_name], scenario.scale) if scenario.pose_name in state else None
-        ticks.append(Tick(path, (shape[0], shape[1]), time_s, pose))
+        levels = None if pixels.dtype == np.uint8 else measure_levels(pixels)
+        ticks.append(Tick(path, pixels.shape, time_s, pose, levels))
     if not ticks:
         raise AsfmError(f"{data}: expected {scenario.sonar_name} in the pickles, found it in none of {len(paths)}")
     if len(ticks) < len(paths):

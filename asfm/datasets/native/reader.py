@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from asfm.datasets.images import read_grey_png, read_png_shape, scale_to_unit
+from asfm.datasets.images import check_png_shape, read_grey_png, read_png_shape, scale_to_unit
+from asfm.datasets.native.folder_contents import check_image_order, find_unused_files
 from asfm.datasets.native.sensor_files import check_coverage, read_hand_tracks, read_navigation, read_trajectory
 from asfm.datasets.native.sequence_yaml import SonarSettings, read_settings
 from asfm.datasets.native.truth import read_truth_file
@@ -36,7 +37,7 @@ class NativeFrames:
 
 def is_native(path: Path) -> bool:
     """Return whether a path is a native sequence folder."""
-    return (path / "sequence.yaml").is_file()
+    return (path / "sequence.yaml").is_file() or (path / "sequence.yaml").is_symlink()
 
 
 def read_native(folder: Path) -> Sequence:
@@ -46,11 +47,11 @@ def read_native(folder: Path) -> Sequence:
         AsfmError: a file is missing or invalid; the message names the file, the row, what was expected and found.
     """
     settings = read_settings(folder / "sequence.yaml")
-    frames, sonar = _locate_frames(folder, settings.sonar)
+    frames, sonar, diagnostics = _locate_frames(folder, settings.sonar)
     timestamps_s = frames.timestamps_s
     odometry = read_trajectory(folder / "odometry.tum")
     navigation = read_navigation(folder / "navigation.csv")
-    diagnostics: list[Diagnostic] = []
+    diagnostics += find_unused_files(folder)
     if odometry is not None:
         diagnostics += check_coverage(folder / "odometry.tum", odometry.timestamps_s, timestamps_s)
     if navigation is not None:
@@ -68,6 +69,7 @@ def read_native(folder: Path) -> Sequence:
         hand_tracks=read_hand_tracks(folder / "landmarks.csv"),
         kind="native",
         diagnostics=tuple(diagnostics),
+        check_frames=partial(check_native_frames, frames),
     )
 
 
@@ -91,6 +93,16 @@ def locate_native_frames(folder: Path) -> NativeFrames:
         AsfmError: as for :func:`read_native`.
     """
     return _locate_frames(folder, read_settings(folder / "sequence.yaml").sonar)[0]
+
+
+def check_native_frames(frames: NativeFrames) -> None:
+    """Check the headers of all images and masks without decoding them.
+
+    Raises:
+        AsfmError: a file is missing, not a PNG, not grey or of another size than the first image.
+    """
+    for path in dict.fromkeys((*frames.images, *filter(None, frames.invalid_masks))):
+        check_png_shape(path, frames.shape)
 
 
 def read_native_frame(frames: NativeFrames, index: int) -> Frame:
@@ -143,11 +155,13 @@ def make_sonar(settings: SonarSettings, shape: tuple[int, int], path: Path) -> t
     return model, bool(bearings_rad[0] > bearings_rad[-1])
 
 
-def _locate_frames(folder: Path, settings: SonarSettings) -> tuple[NativeFrames, SonarModel]:
-    timestamps_s, images, invalid_masks = _read_frames_table(folder)
+def _locate_frames(folder: Path, settings: SonarSettings) -> tuple[NativeFrames, SonarModel, list[Diagnostic]]:
+    """Read frames.csv and the size of the first image; also return remarks on the order of the images."""
+    timestamps_s, images, invalid_masks, diagnostics = _read_frames_table(folder)
     shape = read_png_shape(images[0])
     sonar, descending = make_sonar(settings, shape, folder / "sequence.yaml")
-    return NativeFrames(timestamps_s, images, invalid_masks, shape, descending, settings.decibel_span), sonar
+    frames = NativeFrames(timestamps_s, images, invalid_masks, shape, descending, settings.decibel_span)
+    return frames, sonar, diagnostics
 
 
 def _read_frame_truth(folder: Path, frames: NativeFrames, index: int) -> FrameTruth:
@@ -155,8 +169,10 @@ def _read_frame_truth(folder: Path, frames: NativeFrames, index: int) -> FrameTr
     return read_truth_file(folder / name, frames.shape, frames.descending)
 
 
-def _read_frames_table(folder: Path) -> tuple[FloatArray, tuple[Path, ...], tuple[Path | None, ...]]:
-    """Read frames.csv: stamps (N,), images and masks, None where a frame has no mask."""
+def _read_frames_table(
+    folder: Path,
+) -> tuple[FloatArray, tuple[Path, ...], tuple[Path | None, ...], list[Diagnostic]]:
+    """Read frames.csv: stamps (N,), images, masks, None where a frame has no mask, and remarks on their order."""
     path = folder / "frames.csv"
     columns, rows = read_csv(path, ("timestamp_s", "image"), ("invalid_mask",))
     timestamps_s = parse_numbers(path, rows, columns["timestamp_s"], "timestamp_s")
@@ -165,8 +181,9 @@ def _read_frames_table(folder: Path) -> tuple[FloatArray, tuple[Path, ...], tupl
         if not cells[columns["image"]]:
             raise AsfmError(f"{path}, line {line}: expected the name of an image, found an empty cell")
     images = tuple(folder / cells[columns["image"]] for _, cells in rows)
+    remarks = check_image_order(path, rows, columns["image"])
     mask_column = columns.get("invalid_mask")
     if mask_column is None:
-        return timestamps_s, images, (None,) * len(images)
+        return timestamps_s, images, (None,) * len(images), remarks
     names = (cells[mask_column] for _, cells in rows)
-    return timestamps_s, images, tuple(folder / name if name else None for name in names)
+    return timestamps_s, images, tuple(folder / name if name else None for name in names), remarks

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from asfm.datasets.tables import check_increasing, parse_integers, parse_numbers, read_csv, read_tum
+from asfm.datasets.value_bounds import MAX_BEARING_RAD, MAX_PITCH_RAD, MAX_ROLL_RAD, check_angles, check_stamps
 from asfm.diagnostics import Diagnostic, frame_runs
 from asfm.errors import AsfmError
 from asfm.types import FloatArray, HandTracks, Navigation, Trajectory
@@ -36,27 +37,44 @@ def check_coverage(path: Path, timestamps_s: FloatArray, frames_s: FloatArray) -
     return [Diagnostic("partial-sensor-coverage", message, frame_runs(outside))]
 
 
+def is_present(path: Path) -> bool:
+    """Return whether an optional file is there.
+
+    Raises:
+        AsfmError: it is a link that points nowhere.
+    """
+    if path.is_symlink() and not path.exists():
+        raise AsfmError(
+            f"{path}: expected a file, found a link to {str(path.readlink())[:80]}, which is missing: "
+            "mend the link or remove it"
+        )
+    return path.exists()
+
+
 def read_trajectory(path: Path) -> Trajectory | None:
     """Read a trajectory in the TUM format, or return None where there is no file.
 
     Raises:
         AsfmError: as for :func:`asfm.datasets.tables.read_tum`.
     """
-    return read_tum(path) if path.exists() else None
+    return read_tum(path) if is_present(path) else None
 
 
 def read_navigation(path: Path) -> Navigation | None:
     """Read depth and attitude from navigation.csv, or return None where there is no file.
 
     Raises:
-        AsfmError: the table is invalid, or its stamps do not increase.
+        AsfmError: the table is invalid, its stamps do not increase, or an angle is beyond its natural bound.
     """
-    if not path.exists():
+    if not is_present(path):
         return None
     names = ("timestamp_s", "z_m", "roll_rad", "pitch_rad")
     columns, rows = read_csv(path, names)
     timestamps_s, z_m, roll_rad, pitch_rad = (parse_numbers(path, rows, columns[name], name) for name in names)
     check_increasing(path, rows, timestamps_s)
+    lines = [line for line, _ in rows]
+    check_angles(path, lines, pitch_rad, "pitch_rad", MAX_PITCH_RAD)
+    check_angles(path, lines, roll_rad, "roll_rad", MAX_ROLL_RAD)
     return Navigation(timestamps_s, z_m, roll_rad, pitch_rad)
 
 
@@ -64,13 +82,16 @@ def read_hand_tracks(path: Path) -> HandTracks | None:
     """Read hand-tracked points from landmarks.csv, or return None where there is no file.
 
     Raises:
-        AsfmError: the table is invalid.
+        AsfmError: the table is invalid, or a stamp or bearing is beyond its natural bound.
     """
-    if not path.exists():
+    if not is_present(path):
         return None
     columns, rows = read_csv(path, ("timestamp_s", "landmark", "range_m", "bearing_rad"))
     timestamps_s, range_m, bearing_rad = (
         parse_numbers(path, rows, columns[name], name) for name in ("timestamp_s", "range_m", "bearing_rad")
     )
+    lines = [line for line, _ in rows]
+    check_stamps(path, timestamps_s, lines)
+    check_angles(path, lines, bearing_rad, "bearing_rad", MAX_BEARING_RAD)
     landmark = parse_integers(path, rows, columns["landmark"], "landmark")
     return HandTracks(timestamps_s, landmark, range_m, bearing_rad)

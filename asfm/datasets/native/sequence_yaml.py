@@ -7,6 +7,7 @@ import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from asfm.datasets.file_kinds import LFS_ADVICE, is_lfs_pointer
 from asfm.errors import AsfmError
 from asfm.geometry.poses import pose_from_tum, tum_from_pose
 from asfm.types import FloatArray, SensorNoise
@@ -135,7 +136,10 @@ def read_settings(path: Path) -> SequenceSettings:
         AsfmError: the file cannot be read, or a key is missing or unknown, or a value out of bounds.
     """
     try:
-        settings: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        if is_lfs_pointer(text[:80].encode()):
+            raise AsfmError(f"{path}: expected the settings, found {LFS_ADVICE}")
+        settings: Any = yaml.safe_load(text)
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         raise AsfmError(f"{path}: cannot read the settings: {' '.join(str(error).split())}") from None
     try:

@@ -80,6 +80,8 @@ def test_an_image_of_another_size_is_reported_when_it_is_read(tmp_path: Path) ->
     sequence = open_sequence(write_folder(tmp_path / "a", states))
     with pytest.raises(AsfmError, match=r"1\.pkl: expected ImagingSonar of shape \(16, 6\).*found \(8, 6\)"):
         sequence.read_frame(1)
+    with pytest.raises(AsfmError, match=r"1\.pkl: expected ImagingSonar of shape \(16, 6\).*found \(8, 6\)"):
+        sequence.check_frames()
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
+from asfm.commands.describe import describe_sequence
+from asfm.commands.run import run_sequence
 from asfm.datasets import open_sequence
 from asfm.datasets.native.reader import open_native_truth, read_native
 from asfm.datasets.native.writer import write_native
@@ -260,6 +262,32 @@ def test_an_invalid_image_is_reported_when_its_frame_is_read(
     sequence.read_frame(1)
     with pytest.raises(AsfmError, match=rf"{kind}.000002\.png: {'.*'}{message}"):
         sequence.read_frame(2)
+
+
+@pytest.mark.parametrize("kind", ["frames", "invalid"])
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (colour, r"one channel\), found RGB"),
+        (grow, r"expected 12 x 8 pixels .*found 13 x 8"),
+        (stuff_jpeg, r"found .* a JPEG image"),
+        (Path.unlink, r"found none"),
+    ],
+)
+def test_the_headers_of_all_images_are_checked_without_decoding_them(
+    tmp_path: Path, kind: str, spoil: Callable[[Path], None], message: str
+) -> None:
+    write_native(tmp_path / "sequence", make_sequence())
+    corrupt(tmp_path / "sequence" / "frames" / "000001.png")
+    read_native(tmp_path / "sequence").check_frames()
+    spoil(tmp_path / "sequence" / kind / "000002.png")
+    with pytest.raises(AsfmError, match=rf"{kind}.000002\.png: {'.*'}{message}"):
+        read_native(tmp_path / "sequence").check_frames()
+    with pytest.raises(AsfmError, match=rf"{kind}.000002\.png: {'.*'}{message}"):
+        describe_sequence(tmp_path / "sequence")
+    with pytest.raises(AsfmError, match=rf"{kind}.000002\.png: {'.*'}{message}"):
+        run_sequence(tmp_path / "sequence", tmp_path / "results", recording=False)
+    assert not (tmp_path / "results").exists()
 
 
 def test_a_frame_that_does_not_exist_raises_index_error(tmp_path: Path) -> None:

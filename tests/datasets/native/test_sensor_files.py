@@ -68,16 +68,16 @@ def test_every_file_is_optional(tmp_path: Path) -> None:
 
 def test_columns_are_assigned_by_name(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
-    path.write_text("pitch_rad,z_m,timestamp_s,roll_rad\n4,2,1,3\n40,20,10,30\n")
+    path.write_text("pitch_rad,z_m,timestamp_s,roll_rad\n0.4,0.2,0.1,0.3\n0.8,0.4,0.2,0.6\n")
     navigation = read_navigation(path)
     assert navigation is not None
     columns = navigation.timestamps_s, navigation.z_m, navigation.roll_rad, navigation.pitch_rad
-    np.testing.assert_array_equal(columns, np.outer([1, 2, 3, 4], [1, 10]))
-    path.write_text("bearing_rad,landmark,range_m,timestamp_s\n4,2,3,1\n4,2,3,1\n")
+    np.testing.assert_allclose(columns, np.outer([0.1, 0.2, 0.3, 0.4], [1, 2]))
+    path.write_text("bearing_rad,landmark,range_m,timestamp_s\n0.4,2,3,1\n0.4,2,3,1\n")
     tracks = read_hand_tracks(path)
     assert tracks is not None
     found = tracks.timestamps_s, tracks.landmark, tracks.range_m, tracks.bearing_rad
-    np.testing.assert_array_equal(found, np.outer([1, 2, 3, 4], [1, 1]))
+    np.testing.assert_array_equal(found, np.outer([1, 2, 3, 0.4], [1, 1]))
 
 
 def test_navigation_must_be_in_order_of_time(tmp_path: Path) -> None:

@@ -1,0 +1,45 @@
+"""Kinds of files, told by their first bytes, for messages about a file that is another than expected."""
+
+SNIFFED_BYTES = 64
+"""As many bytes of the beginning as the functions here look at."""
+LFS_SIGNATURE = b"version https://git-lfs"
+LFS_ADVICE = "a Git-LFS pointer instead of the file itself: fetch it with git lfs pull"
+SIGNATURES = (
+    (LFS_SIGNATURE, LFS_ADVICE),
+    (b"\xff\xd8\xff", "a JPEG image: convert it to a grey PNG"),
+    (b"\x89PNG\r\n\x1a\n", "a PNG image"),
+    (b"GIF8", "a GIF image: convert it to a grey PNG"),
+    (b"BM", "a BMP image: convert it to a grey PNG"),
+    (b"II*\x00", "a TIFF image: convert it to a grey PNG"),
+    (b"MM\x00*", "a TIFF image: convert it to a grey PNG"),
+    (b"P5", "a PGM image: convert it to a grey PNG"),
+    (b"P2", "a PGM image: convert it to a grey PNG"),
+    (b"\x93NUMPY", "a NumPy array"),
+    (b"\x89HDF\r\n\x1a\n", "an HDF5 file"),
+    (b"PK\x03\x04", "a ZIP archive: unpack it"),
+    (b"\x1f\x8b", "a gzip file: unpack it"),
+    (b"7z\xbc\xaf\x27\x1c", "a 7-Zip archive: unpack it"),
+    (b"#ROSBAG", "a ROS bag, which is not read"),
+    (b"\x89MCAP0", "an MCAP file, which is not read"),
+    (b"SQLite format 3", "an SQLite database, which is not read"),
+    (b"DDF\x03", "a DIDSON recording (DDF version 3), which is not read"),
+    (b"DDF\x04", "a DIDSON recording (DDF version 4), which is not read"),
+    (b"<!DOCTYPE", "a web page: the download has failed"),
+    (b"<!doctype", "a web page: the download has failed"),
+    (b"<html", "a web page: the download has failed"),
+)
+"""First bytes of a file, and what it is with what to do."""
+
+
+def is_lfs_pointer(content: bytes) -> bool:
+    """Return whether a file that begins with ``content`` is a Git-LFS pointer."""
+    return content.startswith(LFS_SIGNATURE)
+
+
+def name_kind(content: bytes) -> str | None:
+    """Name the kind of a file by its first bytes, with what to do, or return None where it is not known."""
+    if not content:
+        return "an empty file"
+    if content[:4] == b"RIFF":
+        return {b"WEBP": "a WebP image: convert it to a grey PNG", b"AVI ": "an AVI video"}.get(content[8:12])
+    return next((name for signature, name in SIGNATURES if content.startswith(signature)), None)
