@@ -81,8 +81,9 @@ def log_landmarks_in_view(
         colour: (L, 3) RGB.
         in_view: (V,) indices of landmarks; -1 for tracks without one.
     """
-    good = landmarks.well_constrained
-    points, arcs = (in_view[(in_view >= 0) & (good[in_view] == wanted)] for wanted in (True, False))
+    in_view = in_view[in_view >= 0]
+    good = landmarks.well_constrained[in_view]
+    points, arcs = in_view[good], in_view[~good]
     points_3d = stream.rerun.Points3D(landmarks.xyz_m[points], colors=colour[points], radii=-4.5)
     stream.log("world/in_view/points", points_3d)
     stream.log_lines("world/in_view/arcs", landmarks.arc_m[arcs], colours.ARC_IN_VIEW, -0.8)

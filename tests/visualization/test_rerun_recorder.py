@@ -346,6 +346,14 @@ def test_stamps_since_1970_become_dates(tmp_path: Path) -> None:
     assert str(chunk.to_record_batch().column("time").to_pylist()[1]) == "2023-11-14 22:13:20.500000"
 
 
+def test_tracks_without_any_landmark_are_recorded(tmp_path: Path) -> None:
+    sequence = _sequence()
+    empty = _empty_reconstruction(sequence)
+    full = _reconstruction(sequence)
+    _record(tmp_path / "tracks.rrd", sequence, replace(full, landmarks=empty.landmarks))
+    assert (tmp_path / "tracks.rrd").stat().st_size > 1000
+
+
 def _empty_reconstruction(sequence: Sequence) -> Reconstruction:
     none, few = np.zeros(0, int), np.zeros(0)
     landmarks = Landmarks(none, np.zeros((0, 3)), np.zeros((0, 3, 3)), few, none, none > 0, np.zeros((0, 15, 3)))
