@@ -28,7 +28,7 @@ def move_to_local_origin(sequence: Sequence, config: BackendConfig) -> tuple[Seq
     Returns:
         The sequence about the origin, and the origin (3,) in the world.
     """
-    odometry, navigation, truth = sequence.odometry, sequence.navigation, sequence.groundtruth
+    odometry, navigation = sequence.odometry, sequence.navigation
     by_odometry = odometry is not None and config.use_odometry
     by_depth = navigation is not None and config.use_navigation and len(navigation.z_m) > 0
     origin_m = np.zeros(3)
@@ -39,12 +39,17 @@ def move_to_local_origin(sequence: Sequence, config: BackendConfig) -> tuple[Seq
         origin_m[2] = local_origin(z_m[:, None])[0] if by_odometry else np.sort(z_m)[(len(z_m) - 1) // 2]
         local_m = z_m - origin_m[2]
         navigation = replace(navigation, z_m=local_m if by_odometry else np.round(local_m, ROUNDING_DECIMALS))
+    return replace(shift_poses_of(sequence, -origin_m), navigation=navigation), origin_m
+
+
+def shift_poses_of(sequence: Sequence, offset_m: FloatArray) -> Sequence:
+    """Add an offset (3,) to the positions of a sequence's odometry and true poses."""
+    odometry, truth = sequence.odometry, sequence.groundtruth
     return replace(
         sequence,
-        odometry=None if odometry is None else shift_trajectory(odometry, -origin_m),
-        navigation=navigation,
-        groundtruth=None if truth is None else shift_trajectory(truth, -origin_m),
-    ), origin_m
+        odometry=None if odometry is None else shift_trajectory(odometry, offset_m),
+        groundtruth=None if truth is None else shift_trajectory(truth, offset_m),
+    )
 
 
 def with_world_of(sequence: Sequence, recorded: Sequence) -> Sequence:
