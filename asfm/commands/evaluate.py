@@ -1,6 +1,6 @@
 """Command ``asfm evaluate``: compare the results of a run with ground truth."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +13,14 @@ from asfm.datasets.hloc.image_names import name_images
 from asfm.datasets.tables import read_tum
 from asfm.errors import AsfmError
 from asfm.evaluation.accuracy_bound import add_bound, measure_bound
+from asfm.evaluation.association import within_reach
 from asfm.evaluation.covariance_consistency import evaluate_consistency
 from asfm.evaluation.matching import evaluate_matching
 from asfm.evaluation.pose_error_table import EvaluationTable, evaluate_sequence, evaluate_trajectory
+from asfm.evaluation.reference_jumps import clean_reference
+from asfm.geometry.local_origin import local_origin, shift_poses
 from asfm.geometry.poses import interpolate, invert, pose_log
+from asfm.navigation.local_world import shift_poses_of
 from asfm.results.evaluation_json import write_evaluation
 from asfm.results.points_ply import read_points
 from asfm.results.pose_covariances_csv import read_pose_covariances
@@ -49,7 +53,7 @@ def evaluate_folder(folder: Path, reference: Path | None = None) -> EvaluationTa
     """
     source = Path(read_report(folder)["sequence"]["path"])
     estimate = read_trajectory(folder / TRAJECTORY)
-    truth = read_tum(reference) if reference is not None else None
+    truth = read_tum(reference, may_be_lost=True) if reference is not None else None
     table = _compare(folder, source, estimate, truth)
     write_evaluation(folder, table)
     return table
@@ -77,15 +81,24 @@ def _add_truth(folder: Path, source: Path, sequence: Sequence, table: Evaluation
         note = f"The results hold no {missing[0]}, which older versions did not write; run asfm run again for all rows."
         return EvaluationTable(table.rows, (*table.notes, note))
     read_truth, config = open_truth(source), load_config(folder / CONFIG)
+    estimate = read_trajectory(folder / TRAJECTORY)
+    truth, _ = clean_reference(sequence.groundtruth, estimate)
+    if read_truth is not None and not within_reach(sequence.timestamps_s, truth.timestamps_s).all():
+        note = "The true poses do not cover all frames: their elevations, and the bound made from them, are not used."
+        read_truth, table = None, EvaluationTable(table.rows, (*table.notes, note))
+    own_world = not _starts_at_truth(sequence, config)
+    poses, truth_m = estimate.world_from_vehicle, truth.world_from_vehicle[:, :3, 3]
+    origin_m = local_origin(poses[:, :3, 3] if own_world else truth_m)
+    sequence = shift_poses_of(replace(sequence, groundtruth=truth), -local_origin(truth_m))
     tracks, observed, landmark = read_tracks(folder / TRACKS, len(sequence))
     rows = evaluate_consistency(
-        read_trajectory(folder / TRAJECTORY).world_from_vehicle,
+        shift_poses(poses, -origin_m),
         read_pose_covariances(folder / POSE_COVARIANCES, len(sequence)),
-        _read_landmarks(folder / POINTS, landmark),
+        _read_landmarks(folder / POINTS, landmark, origin_m),
         tracks,
         sequence,
         read_truth,
-        own_world=not _starts_at_truth(sequence, config),
+        own_world,
     )
     if len(sequence) > 1:
         found = read_hloc(folder / FEATURES, folder / MATCHES, sequence, name_images(source, sequence))
@@ -106,14 +119,14 @@ class _Landmarks:
     well_constrained: BoolArray
 
 
-def _read_landmarks(path: Path, landmark: IntArray) -> _Landmarks:
-    """Join points.ply with the (T,) rows of its points that tracks.csv names."""
+def _read_landmarks(path: Path, landmark: IntArray, origin_m: FloatArray) -> _Landmarks:
+    """Join points.ply, about an origin (3,), with the (T,) rows of its points that tracks.csv names."""
     points = read_points(path)
     track = np.flatnonzero(landmark >= 0)
     row = landmark[track]
     if len(row) != len(points.xyz_m) or not np.array_equal(np.sort(row), np.arange(len(row))):
         raise AsfmError(f"{path}: expected the points of the tracks in {TRACKS}, found others; run asfm run again")
-    return _Landmarks(track, points.xyz_m[row], points.sigma_m[row], points.well_constrained[row])
+    return _Landmarks(track, points.xyz_m[row] - origin_m, points.sigma_m[row], points.well_constrained[row])
 
 
 def _starts_at_truth(sequence: Sequence, config: Config) -> bool:

@@ -16,6 +16,8 @@ Row = tuple[int, list[str]]
 """Line number, counted from 1, and the cells on that line."""
 
 TUM_COLUMNS = ("timestamp_s", "x", "y", "z", "qx", "qy", "qz", "qw")
+NO_POSE = ("0", "0", "0", "0", "0", "0", "1")
+"""Cells that stand in for those of a row without a pose."""
 QUATERNION_NORM_TOLERANCE = 0.1
 """Rounding in text changes the norm by far less; a larger deviation means that the columns are in another order."""
 
@@ -55,8 +57,13 @@ def read_csv(
     return {name: position for position, name in enumerate(header)}, rows[1:]
 
 
-def read_tum(path: Path) -> Trajectory:
+def read_tum(path: Path, may_be_lost: bool = False) -> Trajectory:
     """Read a trajectory in the TUM format: rows of t x y z qx qy qz qw in seconds and metres; # starts a comment.
+
+    Args:
+        path: the file, UTF-8.
+        may_be_lost: accept rows without a pose, NaN or a quaternion of zeros, as trackers write while they are lost;
+            their poses are NaN.
 
     Returns:
         The poses (N, 4, 4) and their stamps (N,).
@@ -73,14 +80,29 @@ def read_tum(path: Path) -> Trajectory:
             raise AsfmError(
                 f"{path}, line {line}: expected {len(TUM_COLUMNS)} numbers {' '.join(TUM_COLUMNS)}, found {len(cells)}"
             )
-    values = np.stack([parse_numbers(path, rows, column, name) for column, name in enumerate(TUM_COLUMNS)], axis=1)
+    lost = [may_be_lost and _holds_no_pose(cells) for _, cells in rows]
+    measured = [
+        (line, cells[:1] + list(NO_POSE) if gone else cells) for (line, cells), gone in zip(rows, lost, strict=True)
+    ]
+    values = np.stack([parse_numbers(path, measured, column, name) for column, name in enumerate(TUM_COLUMNS)], axis=1)
     check_increasing(path, rows, values[:, 0])
     norms = np.linalg.norm(values[:, 4:], axis=1)
     for index in np.flatnonzero(np.abs(norms - 1.0) > QUATERNION_NORM_TOLERANCE)[:1]:
         raise AsfmError(
             f"{path}, line {rows[index][0]}: expected a unit quaternion qx qy qz qw, found length {norms[index]:g}"
         )
-    return Trajectory(values[:, 0].copy(), pose_from_tum(values[:, 1:]))
+    poses = pose_from_tum(values[:, 1:])
+    poses[lost] = np.nan
+    return Trajectory(values[:, 0].copy(), poses)
+
+
+def _holds_no_pose(cells: list[str]) -> bool:
+    """Return whether the cells of a pose are NaN or infinite, or its quaternion is zero."""
+    try:
+        values = np.array([float(cell) for cell in cells[1:]])
+    except ValueError:
+        return False
+    return not np.isfinite(values).all() or not values[3:].any()
 
 
 def parse_numbers(path: Path, rows: list[Row], column: int, name: str) -> FloatArray:

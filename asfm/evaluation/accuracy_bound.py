@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from asfm.config import Config
+from asfm.evaluation.association import associate
 from asfm.evaluation.pose_error_table import ATE_RMSE, SE3_ALIGNED, EvaluationRow, EvaluationTable
-from asfm.evaluation.trajectory import absolute_errors, align_se3, associate, interpolate_groundtruth
+from asfm.evaluation.trajectory import absolute_errors, align_se3, interpolate_groundtruth
 from asfm.evaluation.true_points import TruePoints, find_true_points, measure_noise
 from asfm.geometry.feature_noise import feature_sigma
 from asfm.geometry.poses import invert, transform

@@ -6,8 +6,9 @@ from typing import Protocol
 
 import numpy as np
 
+from asfm.evaluation.association import within_reach
 from asfm.evaluation.pose_error_table import EvaluationRow
-from asfm.evaluation.trajectory import align_first_pose, interpolate_groundtruth, within_time
+from asfm.evaluation.trajectory import align_first_pose, interpolate_groundtruth
 from asfm.evaluation.true_points import find_true_points
 from asfm.geometry.poses import invert, pose_log, transform
 from asfm.sequence import Sequence
@@ -176,7 +177,7 @@ def evaluate_consistency(
     if sequence.groundtruth is None or not len(sequence):
         return ()
     truth = interpolate_groundtruth(sequence)
-    covered = within_time(sequence.timestamps_s, sequence.groundtruth.timestamps_s)
+    covered = within_reach(sequence.timestamps_s, sequence.groundtruth.timestamps_s)
     if not covered[0]:
         return ()
     true_from_estimate = align_first_pose(world_from_vehicle, truth) if own_world else np.eye(4)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
+from asfm.evaluation.association import within_reach
 from asfm.geometry.poses import interpolate, invert, transform, wrap_angle
 from asfm.geometry.sonar import SonarModel, project
 from asfm.types import FloatArray, HandTracks, Trajectory
@@ -45,7 +46,7 @@ def measure_hand_tracks(
     if len(trajectory.timestamps_s) == 0:
         return None
     at_s = hand_tracks.timestamps_s
-    inside = (at_s >= trajectory.timestamps_s[0]) & (at_s <= trajectory.timestamps_s[-1])
+    inside = within_reach(at_s, trajectory.timestamps_s)
     world_from_vehicle = interpolate(trajectory.timestamps_s, trajectory.world_from_vehicle, at_s)
     sonar_from_world = invert(world_from_vehicle @ vehicle_from_sonar)
     residuals = []

@@ -11,6 +11,7 @@ from itertools import groupby
 import numpy as np
 
 from asfm.evaluation.arc_consistency import Tolerance, find_arc_inliers
+from asfm.evaluation.association import within_reach
 from asfm.evaluation.pose_error_table import EvaluationRow
 from asfm.evaluation.trajectory import interpolate_groundtruth
 from asfm.evaluation.true_positions import TRUTH_TOLERANCE, TruePositions, find_true_positions
@@ -177,7 +178,12 @@ def evaluate_matching(
     if sequence.groundtruth is None:
         return ()
     reported = set(gaps)
-    chosen = [pair for pair in matches if pair.frame_b - pair.frame_a in reported]
+    known = within_reach(sequence.timestamps_s, sequence.groundtruth.timestamps_s)
+    chosen = [
+        pair
+        for pair in matches
+        if pair.frame_b - pair.frame_a in reported and known[pair.frame_a] and known[pair.frame_b]
+    ]
     world_from_sonar = interpolate_groundtruth(sequence) @ sequence.vehicle_from_sonar
     rows: list[EvaluationRow] = []
     if read_truth is None:

@@ -5,13 +5,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from asfm.errors import AsfmError
+from asfm.evaluation.association import PosePairs, associate, describe_coverage
+from asfm.evaluation.clock_offset import describe_clock_offset
 from asfm.evaluation.hand_tracks import measure_hand_tracks
+from asfm.evaluation.reference_jumps import clean_reference
 from asfm.evaluation.trajectory import (
-    PosePairs,
     absolute_errors,
     align_first_pose,
     align_se3,
-    associate,
     pairs_by_distance,
     pairs_by_step,
     path_length_m,
@@ -85,7 +86,7 @@ def evaluate_sequence(sequence: Sequence, estimate: Trajectory, reference: Traje
         AsfmError: there is nothing to compare with, or no common time.
     """
     truth = reference if reference is not None else sequence.groundtruth
-    points = _compare_hand_tracks(sequence, estimate, truth)
+    points = _compare_hand_tracks(sequence, estimate, truth and clean_reference(truth, estimate)[0])
     if truth is None and not points:
         raise AsfmError(
             f"{sequence.name}: expected true poses or hand-tracked points observed three times or more, "
@@ -100,13 +101,19 @@ def evaluate_sequence(sequence: Sequence, estimate: Trajectory, reference: Traje
 def evaluate_trajectory(groundtruth: Trajectory, odometry: Trajectory | None, estimate: Trajectory) -> EvaluationTable:
     """Evaluate an estimate, and the odometry at the same stamps, against the true poses.
 
+    Poses of the reference that were not measured are left out, and nothing is interpolated across its gaps; the notes
+    say how many poses that concerns, and when.
+
     Raises:
-        AsfmError: fewer than two poses of the estimate lie within the time of the true poses.
+        AsfmError: fewer than two poses of the estimate have a true pose within reach.
     """
-    pairs = associate(estimate, groundtruth)
-    notes = []
-    if len(pairs) < len(estimate.timestamps_s):
-        notes.append(f"{len(pairs)} of {len(estimate.timestamps_s)} poses lie within the reference's time.")
+    reference, faults = clean_reference(groundtruth, estimate)
+    try:
+        pairs = associate(estimate, reference)
+    except AsfmError as error:
+        raise AsfmError(" ".join([f"{error}.", *faults]) if faults else str(error)) from None
+    notes = [*faults, *describe_coverage(estimate.timestamps_s, reference.timestamps_s, pairs)]
+    notes += describe_clock_offset(estimate, reference)
     odometry_pairs = _pair_odometry(pairs, odometry)
     comparable = odometry_pairs is not None and len(odometry_pairs) == len(pairs)
     if odometry is not None and not comparable:

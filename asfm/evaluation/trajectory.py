@@ -1,4 +1,4 @@
-"""Trajectory errors: association in time, rigid alignment, absolute (ATE) and relative (RPE) pose errors.
+"""Trajectory errors: rigid alignment, absolute (ATE) and relative (RPE) pose errors.
 
 The scale is never estimated: a sonar measures ranges, so a wrong scale is an error.
 """
@@ -11,30 +11,12 @@ from scipy.spatial.transform import Rotation
 from asfm.errors import AsfmError
 from asfm.geometry.poses import interpolate, invert, make_pose
 from asfm.sequence import Sequence
-from asfm.types import BoolArray, FloatArray, IntArray, Trajectory
+from asfm.types import FloatArray, IntArray
 
-STAMP_TOLERANCE_S = 1e-3
-"""Stamps in text files are rounded: a pose this little outside the reference's time takes the reference's nearest end.
-"""
 MIN_EXTENT_M = 1e-6
 """Positions with a smaller extent do not determine the rotation."""
 MAX_STRAIGHT_RATIO = 1e-9
 """Second to first singular value of the positions' covariance up to which a path counts as a straight line."""
-
-
-@dataclass(frozen=True)
-class PosePairs:
-    """Poses of an estimate and of a reference at the same stamps, each in its own world."""
-
-    timestamps_s: FloatArray
-    """(N,), N >= 2."""
-    estimate: FloatArray
-    """(N, 4, 4) estimated_world_from_vehicle."""
-    reference: FloatArray
-    """(N, 4, 4) reference_world_from_vehicle."""
-
-    def __len__(self) -> int:
-        return len(self.timestamps_s)
 
 
 @dataclass(frozen=True)
@@ -45,39 +27,6 @@ class Statistics:
     mean: float
     median: float
     max: float
-
-
-def associate(estimate: Trajectory, reference: Trajectory) -> PosePairs:
-    """Pair each pose of the estimate inside the reference's time with the reference interpolated (SLERP) there.
-
-    Args:
-        estimate: world_from_vehicle.
-        reference: world_from_vehicle, in any world.
-
-    Raises:
-        AsfmError: fewer than two poses of the estimate lie inside, or a pose is not finite.
-    """
-    for name, trajectory in (("estimate", estimate), ("reference", reference)):
-        for row in np.flatnonzero(~np.isfinite(trajectory.world_from_vehicle).all(axis=(1, 2)))[:1]:
-            raise AsfmError(f"{name}, pose {row}: expected finite numbers, found nan or inf: remove that pose")
-    inside = within_time(estimate.timestamps_s, reference.timestamps_s)
-    if inside.sum() < 2:
-        raise AsfmError(
-            f"expected two or more poses of the estimate within the reference's time, found {inside.sum()}: "
-            f"the estimate {_span(estimate.timestamps_s)}, the reference {_span(reference.timestamps_s)}; "
-            "give both the same clock"
-        )
-    at_s = estimate.timestamps_s[inside]
-    at_reference = interpolate(reference.timestamps_s, reference.world_from_vehicle, at_s)
-    return PosePairs(at_s, estimate.world_from_vehicle[inside], at_reference)
-
-
-def within_time(at_s: FloatArray, timestamps_s: FloatArray) -> BoolArray:
-    """Return which of (M,) stamps lie between the first and the last of (N,) rising ones, up to rounding."""
-    if len(timestamps_s) == 0:
-        return np.zeros(len(at_s), dtype=bool)
-    after_start = at_s >= timestamps_s[0] - STAMP_TOLERANCE_S
-    return np.asarray(after_start & (at_s <= timestamps_s[-1] + STAMP_TOLERANCE_S))
 
 
 def interpolate_groundtruth(sequence: Sequence) -> FloatArray:
@@ -180,12 +129,6 @@ def summarise(errors: FloatArray) -> Statistics:
         median=float(np.median(errors)),
         max=float(np.max(errors)),
     )
-
-
-def _span(timestamps_s: FloatArray) -> str:
-    if len(timestamps_s) == 0:
-        return "has no poses"
-    return f"runs from {timestamps_s[0]:.3f} to {timestamps_s[-1]:.3f} s"
 
 
 def _steps_m(poses: FloatArray) -> FloatArray:

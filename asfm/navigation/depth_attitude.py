@@ -7,15 +7,11 @@ import numpy as np
 from asfm.config import BackendConfig
 from asfm.diagnostics import Diagnostic, format_runs, frame_runs
 from asfm.geometry.poses import depth_roll_pitch, interpolate
+from asfm.geometry.time_gaps import SAME_TIME_S, longest_bridge_s, measure_gaps, median_interval_s
 from asfm.navigation.outlier_filter import find_outliers
 from asfm.sequence import Sequence
 from asfm.types import BoolArray, FloatArray, Navigation, Trajectory
 
-MAX_GAP_S = 1.0
-MAX_GAP_INTERVALS = 3.0
-"""Readings are interpolated across at most this time or this many of their median intervals, whichever is longer."""
-SAME_TIME_S = 1e-9
-"""Stamps closer than this are the same."""
 CHANNELS = ("depth", "roll", "pitch")
 UNITS = ((1.0, "m"), (180 / np.pi, "deg"), (180 / np.pi, "deg"))
 """Factor from the internal unit of each channel, and the unit that messages state."""
@@ -88,15 +84,12 @@ def frames_per_reading(
     if not len(reading_s):
         return np.full(len(frame_s), np.inf)
     recorded_s = reading_s if all_readings_s is None else all_readings_s
-    interval_s = float(np.median(np.diff(recorded_s))) if len(recorded_s) > 1 else MAX_GAP_S
-    frame_interval_s = float(np.median(np.diff(frame_s))) if len(frame_s) > 1 else interval_s
-    after = np.clip(np.searchsorted(reading_s, frame_s), 1, max(len(reading_s) - 1, 1))
-    before_s, after_s = reading_s[after - 1], reading_s[np.minimum(after, len(reading_s) - 1)]
-    nearest_s = np.minimum(np.abs(frame_s - before_s), np.abs(after_s - frame_s))
-    between = (frame_s >= before_s) & (frame_s <= after_s)
-    bridged = between & (after_s - before_s <= max(MAX_GAP_S, MAX_GAP_INTERVALS * interval_s))
+    interval_s = median_interval_s(recorded_s)
+    frame_interval_s = median_interval_s(frame_s, interval_s)
+    nearest_s, gap_s = measure_gaps(reading_s, frame_s)
+    bridged = gap_s <= longest_bridge_s(interval_s)
     near = nearest_s <= 0.5 * max(interval_s, frame_interval_s) + SAME_TIME_S
-    share = np.where(bridged, np.maximum((after_s - before_s) / max(frame_interval_s, 1e-12), 1.0), 1.0)
+    share = np.where(bridged, np.maximum(gap_s / max(frame_interval_s, 1e-12), 1.0), 1.0)
     share = np.where(nearest_s <= SAME_TIME_S, np.minimum(share, 1.0), share)
     return np.asarray(np.where(bridged | near, share, np.inf))
 

@@ -24,8 +24,8 @@ class SensorConstraints:
 
     first_pose: FloatArray
     """(4, 4) world_from_vehicle of the first frame."""
-    first_covariance: FloatArray
-    """(6, 6) covariance of the first pose: rotation, then translation, in the vehicle's frame (GTSAM's order)."""
+    first_sigma: FloatArray
+    """(6,) standard deviations of the first pose: rotation in rad, then translation in m, in the world's axes."""
     measured: bool
     """Whether the steps come from odometry; otherwise they are a motion prior."""
     steps: FloatArray
@@ -78,14 +78,12 @@ def sensor_constraints(
     """
     noise, readings = sequence.noise, navigation.depth_attitude
     angle_rad = float(np.hypot(noise.navigation_roll_rad, noise.navigation_pitch_rad) / np.sqrt(2))
-    world_sigma = np.full(6, FIXED_SIGMA)
+    first_sigma = np.full(6, FIXED_SIGMA)
     if len(readings.sigma):
-        world_sigma[[0, 1, 5]] = angle_rad, angle_rad, noise.navigation_z_m
-    rotation = np.zeros((6, 6))
-    rotation[:3, :3] = rotation[3:, 3:] = world_from_vehicle[0, :3, :3].T
+        first_sigma[[0, 1, 5]] = angle_rad, angle_rad, noise.navigation_z_m
     return SensorConstraints(
         first_pose=world_from_vehicle[0],
-        first_covariance=rotation @ np.diag(world_sigma**2) @ rotation.T,
+        first_sigma=first_sigma,
         measured=measured,
         steps=steps_between(world_from_vehicle),
         step_sigma=step_sigma,

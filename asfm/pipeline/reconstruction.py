@@ -21,8 +21,10 @@ from asfm.frontend.tracking.association import associate
 from asfm.frontend.tracking.guided_matching import add_matches, match_to_landmarks
 from asfm.frontend.tracking.track_builder import build_tracks, share_changed
 from asfm.frontend.tracking.triangulated_tracks import TriangulatedTracks
+from asfm.geometry.local_origin import shift_reconstruction
 from asfm.navigation.duplicate_frames import drop_duplicate_frames
 from asfm.navigation.frame_navigation import FrameNavigation, read_navigation
+from asfm.navigation.local_world import move_to_local_origin, with_world_of
 from asfm.navigation.odometry_hypotheses import collect_point_pairs
 from asfm.navigation.pose_prediction import predict_poses
 from asfm.pipeline.feature_matching import extract_matches
@@ -57,7 +59,8 @@ def reconstruct(
     """Reconstruct the trajectory and the landmarks of a sequence.
 
     Images become keypoints and candidate matches once. Association and optimisation then alternate, as better poses
-    select better matches.
+    select better matches. All of it works about a local origin, so that the result does not depend on where the origin
+    of the world is.
 
     Args:
         sequence: frames and their navigation, if any.
@@ -71,15 +74,17 @@ def reconstruct(
     """
     config, recorder = config or Config(), recorder or NullRecorder()
     clock = StageClock(progress)
-    navigation = read_navigation(sequence, config.backend)
-    prediction = predict_poses(navigation, sequence)
-    keypoints, matches = extract_matches(sequence, config, recorder, clock, prediction, external)
+    local, origin_m = move_to_local_origin(sequence, config.backend)
+    navigation = read_navigation(local, config.backend)
+    prediction = predict_poses(navigation, local)
+    keypoints, matches = extract_matches(local, config, recorder, clock, prediction, external)
     calibrated, solution, diagnostics = estimate(
-        sequence, navigation, keypoints, matches, config, clock, may_add_matches=external is None
+        local, navigation, keypoints, matches, config, clock, may_add_matches=external is None
     )
     reconstruction = summarise(calibrated, solution, config, clock, diagnostics)
+    reconstruction = shift_reconstruction(reconstruction, origin_m)
     with clock.stage("record"):
-        recorder.record_reconstruction(calibrated, reconstruction)
+        recorder.record_reconstruction(with_world_of(calibrated, sequence), reconstruction)
     without_patches = tuple(frame.without_patches() for frame in keypoints)
     return Run(reconstruction, tuple(clock.reports), without_patches, tuple(matches))
 

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from asfm.geometry.fan import FanGrid
+from asfm.geometry.local_origin import local_origin, shift_reconstruction
 from asfm.sequence import Sequence
 from asfm.types import BoolArray, Frame, Keypoints, Landmarks, Matches, Reconstruction, Tracks
 from asfm.visualization import colours
@@ -77,14 +78,16 @@ class RerunRecorder:
         self._stream.log("counts/matches", self._rr.Scalars(len(matches)))
 
     def record_reconstruction(self, sequence: Sequence, reconstruction: Reconstruction) -> None:
-        """Log trajectories, landmarks, tracks and the summary."""
+        """Log trajectories, landmarks, tracks and the summary, about a local origin, as Rerun rounds to float32."""
+        summary = self._rr.TextDocument(summarise_run(sequence, reconstruction), media_type="text/markdown")
+        self._stream.log("summary", summary, static=True)
+        origin_m = local_origin(reconstruction.trajectory.world_from_vehicle[:, :3, 3])
+        reconstruction = shift_reconstruction(reconstruction, -origin_m)
         landmarks = reconstruction.landmarks
         world_from_sonar = reconstruction.trajectory.world_from_vehicle @ sequence.vehicle_from_sonar
         trajectories = log_trajectories(self._stream, sequence, reconstruction.trajectory)
         log_sonar(self._stream, sequence.sonar, world_from_sonar)
         self._log_map(reconstruction.tracks, landmarks)
-        summary = self._rr.TextDocument(summarise_run(sequence, reconstruction), media_type="text/markdown")
-        self._stream.log("summary", summary, static=True)
         self._send_blueprint(choose_viewpoint(sequence.sonar, world_from_sonar, landmarks.xyz_m), trajectories)
 
     def close(self) -> None:

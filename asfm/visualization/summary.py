@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from asfm.geometry.local_origin import local_origin
 from asfm.sequence import Sequence
-from asfm.types import Reconstruction
+from asfm.types import FloatArray, Reconstruction
 from asfm.visualization.landmarks import find_height_range
 
 
@@ -24,6 +25,16 @@ def summarise_run(sequence: Sequence, reconstruction: Reconstruction) -> str:
             or "No warnings.",
             "**Images**: echoes green, keypoints yellow, matches with the previous frame magenta; port is left.",
             f"**World**: points coloured by height{heights}, error bars of two sigma (hover for the value). Grey arcs: "
-            "elevation not determined by the motion. Larger or brighter: in view. All trajectories start at one pose.",
+            "elevation not determined by the motion. Larger or brighter: in view. All trajectories start at one pose."
+            + _describe_origin(poses[:, :3, 3]),
         ]
     )
+
+
+def _describe_origin(xyz_m: FloatArray) -> str:
+    """Say about which point the world of a path (N, 3) is drawn; nothing where that is its origin."""
+    origin_m = local_origin(xyz_m)
+    if not origin_m.any():
+        return ""
+    x, y, z = (f"{value:.0f}" for value in origin_m)
+    return f" Drawn about a local origin: add ({x}, {y}, {z}) m to positions in the view for those of the world."

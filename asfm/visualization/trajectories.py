@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from asfm.geometry.local_origin import shift_poses
 from asfm.geometry.poses import interpolate, invert
 from asfm.sequence import Sequence
 from asfm.types import FloatArray, Trajectory
@@ -26,6 +27,7 @@ def align_first_pose(trajectory: Trajectory, estimate: Trajectory) -> Trajectory
         return Trajectory(stamps_s, np.zeros((0, 4, 4)))
     poses = interpolate(trajectory.timestamps_s, trajectory.world_from_vehicle, stamps_s)
     start = interpolate(estimate.timestamps_s, estimate.world_from_vehicle, stamps_s[:1])
+    poses = shift_poses(poses, -poses[0, :3, 3])  # small numbers: a rotation about a far origin loses digits
     return Trajectory(stamps_s, start @ invert(poses[:1]) @ poses)
 
 

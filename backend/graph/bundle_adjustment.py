@@ -18,6 +18,7 @@ from asfm.backend.graph.factors import (
     attitude_factor,
     bearing_factor,
     depth_factor,
+    first_pose_factor,
     range_factor,
     step_factor,
 )
@@ -120,8 +121,7 @@ def _add_sensor_factors(
         sensors: constraints on N frames.
         world_from_vehicle: (N, 4, 4) poses whose heading separates roll from pitch in the attitude factors.
     """
-    noise = gtsam.noiseModel.Gaussian.Covariance(sensors.first_covariance)
-    graph.add(gtsam.PriorFactorPose3(FIRST_POSE, gtsam.Pose3(sensors.first_pose), noise))
+    graph.add(first_pose_factor(FIRST_POSE, sensors.first_pose, sensors.first_sigma))
     for index, (step, sigma) in enumerate(zip(sensors.steps, sensors.step_sigma.tolist(), strict=True)):
         graph.add(step_factor(FIRST_POSE + index, FIRST_POSE + index + 1, step, *sigma))
     heading_rad = np.arctan2(world_from_vehicle[:, 1, 0], world_from_vehicle[:, 0, 0])

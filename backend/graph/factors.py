@@ -15,8 +15,6 @@ UNKNOWN_ELEVATION_SIGMA = 1e2
 """Standard deviation of a tangent that is not measured, such as tan(elevation) in a bearing factor."""
 UNMEASURED_SIGMA_RAD = 1e2
 """Standard deviation of an angle that is not measured."""
-UNMEASURED_SIGMA_M = 1e4
-"""Standard deviation of a coordinate that is not measured."""
 MIN_COS_PITCH = 1e-2
 """Lower bound of cos(pitch) in attitude factors: roll is unobservable at a pitch of 90 degrees, and the noise model
 must stay invertible."""
@@ -78,9 +76,28 @@ def huber(noise: gtsam.noiseModel.Base, sigmas: float = 3.0) -> gtsam.noiseModel
     return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(sigmas), noise)
 
 
+def first_pose_factor(pose_key: int, world_from_vehicle: FloatArray, sigma: FloatArray) -> gtsam.NonlinearFactor:
+    """Constrain a pose with standard deviations about and along the axes of the world.
+
+    GTSAM's residual is in the axes of the measured pose: the square root of the information matrix turns it into those
+    of the world and divides by the sigmas, so that no covariance is inverted and a yaw of the world changes nothing.
+
+    Args:
+        pose_key: key of the pose.
+        world_from_vehicle: (4, 4) measured pose.
+        sigma: (6,) rotation in rad, then translation in m, about and along the world's x, y and z.
+    """
+    rotation = np.kron(np.eye(2), world_from_vehicle[:3, :3])
+    noise = gtsam.noiseModel.Gaussian.SqrtInformation(rotation / sigma[:, None], False)
+    return gtsam.PriorFactorPose3(pose_key, gtsam.Pose3(world_from_vehicle), noise)
+
+
 def depth_factor(pose_key: int, z_m: float, sigma_m: float) -> gtsam.NonlinearFactor:
-    """Constrain the z of the vehicle in the world; its horizontal position stays free."""
-    noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([UNMEASURED_SIGMA_M, UNMEASURED_SIGMA_M, sigma_m]))
+    """Constrain the z of the vehicle in the world; its horizontal position stays free.
+
+    The precisions of x and y are zero, so that the residual the Huber kernel weighs is that of z, wherever the origin.
+    """
+    noise = gtsam.noiseModel.Diagonal.Precisions(np.array([0.0, 0.0, sigma_m**-2]))
     return gtsam.PoseTranslationPrior3D(pose_key, np.array([0.0, 0.0, z_m]), huber(noise))
 
 

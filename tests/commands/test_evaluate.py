@@ -6,10 +6,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from asfm.cli import run_command_line
 from asfm.commands import evaluate_folder
+from asfm.datasets.tables import read_tum
+from asfm.geometry.local_origin import shift_trajectory
+from asfm.geometry.poses import tum_from_pose
 
 Ask = Callable[..., str]
 
@@ -92,3 +96,25 @@ def test_reference_replaces_the_truth(demo_folder: Path, tmp_path: Path, ask: As
         assert expected in capsys.readouterr().err
     assert run_command_line(["evaluate", str(tmp_path)]) == 2
     assert "found no report.json in it" in capsys.readouterr().err
+
+
+def test_a_far_reference_with_a_lost_tracker_is_compared_where_it_is_known(
+    demo_folder: Path, tmp_path: Path, ask: Ask, capsys: Any
+) -> None:
+    """The trajectory of the run itself, in UTM: its error is zero, and a note says what was left out."""
+    results, reference = tmp_path / "results", tmp_path / "utm.tum"
+    shutil.copytree(demo_folder / "results", results)
+    poses = read_tum(results / "trajectory.tum")
+    rows = tum_from_pose(shift_trajectory(poses, np.array([5e5, 5.572e6, 40.0])).world_from_vehicle)
+    rows[4:] = np.nan
+    columns = np.column_stack([poses.timestamps_s, rows])
+    np.savetxt(reference, columns, fmt="%.9f")
+    text = ask("evaluate", results, "--reference", reference)
+    assert f"{len(rows) - 4} of {len(rows)} poses of the reference" in text and "are not finite: left out" in text
+    assert f"4 of {len(rows)} poses have a reference within reach" in text
+    assert evaluate_folder(results, reference).row("ate_rmse_m_se3").value < 1e-6
+    columns[:, 0] *= 1e9
+    np.savetxt(reference, columns, fmt="%.9f")
+    assert run_command_line(["evaluate", str(results), "--reference", str(reference)]) == 2
+    message = capsys.readouterr().err
+    assert "nanoseconds" in message and message.count("\n") == 1

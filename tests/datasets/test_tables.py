@@ -177,3 +177,13 @@ def test_a_fault_of_a_trajectory_is_reported_with_its_line(tmp_path: Path, text:
     with pytest.raises(AsfmError, match=rf"a\.csv(, |: ){message}") as error:
         read_tum(write(tmp_path, text))
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("lost", ["nan nan nan nan nan nan nan", "0 0 0 0 0 0 0", "1 2 3 inf 0 0 1"])
+def test_a_reference_may_hold_rows_without_a_pose(tmp_path: Path, lost: str) -> None:
+    path = write(tmp_path, f"0 {IDENTITY}\n1 {lost}\n2 {IDENTITY}\n")
+    found = read_tum(path, may_be_lost=True)
+    assert np.isfinite(found.world_from_vehicle).all(axis=(1, 2)).tolist() == [True, False, True]
+    np.testing.assert_array_equal(found.timestamps_s, [0, 1, 2])
+    with pytest.raises(AsfmError, match="line 2"):
+        read_tum(path)

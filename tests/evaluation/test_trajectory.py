@@ -11,12 +11,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from asfm.datasets import open_sequence
-from asfm.errors import AsfmError
+from asfm.evaluation.association import associate
 from asfm.evaluation.trajectory import (
     absolute_errors,
     align_first_pose,
     align_se3,
-    associate,
     pairs_by_distance,
     pairs_by_step,
     path_length_m,
@@ -218,60 +217,3 @@ def test_short_paths_have_no_pairs() -> None:
         assert [len(array) for array in pairs] == [0, 0]
     static = np.tile(np.eye(4), (4, 1, 1))
     assert len(pairs_by_distance(static, 0.0)[0]) == 0
-
-
-def test_association_interpolates_the_reference() -> None:
-    reference = random_walk(5, 4)
-    at_s = np.array([0.0, 0.1, 0.5, 0.6])
-    pairs = associate(Trajectory(at_s, random_walk(6, 4)), with_stamps(reference))
-    np.testing.assert_array_equal(pairs.timestamps_s, at_s)
-    np.testing.assert_allclose(pairs.reference[0], reference[0], atol=1e-9)
-    np.testing.assert_allclose(pairs.reference[1, :3, 3], reference[:2, :3, 3].mean(axis=0))
-    half = Rotation.from_matrix(reference[:2, :3, :3]).mean()
-    assert (half.inv() * Rotation.from_matrix(pairs.reference[1, :3, :3])).magnitude() < 1e-7
-
-
-def test_poses_outside_the_reference_are_left_out() -> None:
-    estimate = with_stamps(random_walk(5, 20))
-    reference = with_stamps(random_walk(6, 5), start_s=1.0)
-    pairs = associate(estimate, reference)
-    np.testing.assert_allclose(pairs.timestamps_s, [1.0, 1.2, 1.4, 1.6, 1.8])
-    np.testing.assert_array_equal(pairs.estimate, estimate.world_from_vehicle[5:10])
-
-
-def test_rounded_stamps_at_the_ends_are_kept() -> None:
-    reference = with_stamps(random_walk(6, 5))
-    shifted = Trajectory(reference.timestamps_s + np.array([-4e-4, 0, 0, 0, 4e-4]), reference.world_from_vehicle)
-    assert len(associate(shifted, reference)) == 5
-
-
-@pytest.mark.parametrize(("start_s", "count"), [(100.0, 5), (0.8, 5), (0.0, 1), (0.0, 0)])
-def test_too_little_common_time_is_an_error_with_both_spans(start_s: float, count: int) -> None:
-    estimate = with_stamps(random_walk(1, count), start_s)
-    with pytest.raises(AsfmError) as caught:
-        associate(estimate, with_stamps(random_walk(2, 5)))
-    message = str(caught.value)
-    assert "0.000 to 0.800 s" in message
-    assert "has no poses" in message if count == 0 else f"{start_s:.3f} to" in message
-    assert "\n" not in message
-
-
-def test_an_empty_reference_is_an_error() -> None:
-    with pytest.raises(AsfmError, match="the reference has no poses"):
-        associate(with_stamps(random_walk(1, 5)), with_stamps(random_walk(2, 0)))
-
-
-def test_a_pose_that_is_not_finite_is_an_error() -> None:
-    broken = random_walk(1, 5)
-    broken[3, 0, 3] = np.nan
-    with pytest.raises(AsfmError, match="estimate, pose 3"):
-        associate(with_stamps(broken), with_stamps(random_walk(2, 5)))
-
-
-@pytest.mark.parametrize("outside_s", [0.01, 0.1])
-def test_stamps_clearly_outside_the_reference_are_not_extrapolated(outside_s: float) -> None:
-    stamps_s = np.arange(5.0)
-    still = np.tile(np.eye(4), (5, 1, 1))
-    at_s = np.array([-outside_s, 0.5, 2.0, 3.5, 4.0 + outside_s])
-    pairs = associate(Trajectory(at_s, still), Trajectory(stamps_s, still))
-    np.testing.assert_array_equal(pairs.timestamps_s, at_s[1:-1])

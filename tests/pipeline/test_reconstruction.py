@@ -172,17 +172,23 @@ def test_given_matches_are_not_added_to(stub: Stub, sequence: Sequence) -> None:
 def test_a_run_hands_every_stage_the_results_of_those_before(external: Any, stub: Stub, sequence: Sequence) -> None:
     shown: list[tuple[Any, ...]] = []
     recorder: Any = SimpleNamespace(record_reconstruction=lambda *args: shown.append(args))
-    stub("read_navigation", "navigation")
+    stub("move_to_local_origin", ("local", "origin"))
+    read = stub("read_navigation", "navigation")
     predicted = stub("predict_poses", "prediction")
     extracted = stub("extract_matches", (KEYPOINTS, ["match"]))
     estimated = stub("estimate", ("calibrated", "solution", ("found",)))
-    summarised = stub("summarise", "summary")
+    summarised = stub("summarise", "summary about the local origin")
+    shifted = stub("shift_reconstruction", "summary")
+    stub("with_world_of", lambda *args: args)
     run: Any = reconstruction.reconstruct(sequence, CONFIG, recorder, external=external)
-    assert predicted == [("navigation", sequence)]
+    assert read == [("local", CONFIG.backend)]
+    assert predicted == [("navigation", "local")]
+    assert extracted[0][0] == "local"
     assert extracted[0][-2:] == ("prediction", external)
-    assert estimated[0][:4] == (sequence, "navigation", KEYPOINTS, ["match"])
+    assert estimated[0][:4] == ("local", "navigation", KEYPOINTS, ["match"])
     assert estimated[0][-1] is (external is None), "only asfm's own matches are added to"
     assert summarised[0][:2] == ("calibrated", "solution") and summarised[0][-1] == ("found",)
-    assert shown == [("calibrated", "summary")]
+    assert shifted == [("summary about the local origin", "origin")]
+    assert shown == [(("calibrated", sequence), "summary")]
     assert run.reconstruction == "summary" and run.matches == ("match",)
     assert run.keypoints[0].patches.size == 0 and len(run.keypoints[0]) == 2

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from asfm.datasets import open_sequence
 from asfm.diagnostics import Diagnostic
 from asfm.geometry.fan import FanGrid
+from asfm.geometry.local_origin import shift_reconstruction, shift_trajectory
 from asfm.geometry.poses import make_pose
 from asfm.geometry.sonar import SonarModel
 from asfm.recorder import Recorder
@@ -267,6 +268,32 @@ def test_sonar_pose_includes_the_lever_arm(recording: Recording) -> None:
         columns = np.array(recording.value("/world/sonar", "Transform3D:mat3x3", frame)[0]).reshape(3, 3).T
         np.testing.assert_allclose(translation_m, expected[frame, :3, 3], atol=1e-6)
         np.testing.assert_allclose(columns, expected[frame, :3, :3], atol=1e-6)
+
+
+def test_a_far_world_is_drawn_about_a_local_origin(tmp_path: Path, recording: Recording) -> None:
+    """Rerun's floats would round a northing to half a metre: what is drawn is that near the origin."""
+    offset_m = np.array([500000.0, 5572000.0, -3000.0])
+    sequence = _sequence()
+    assert sequence.odometry is not None and sequence.groundtruth is not None
+    moved = replace(
+        sequence,
+        odometry=shift_trajectory(sequence.odometry, offset_m),
+        groundtruth=shift_trajectory(sequence.groundtruth, offset_m),
+    )
+    _record(tmp_path / "far.rrd", moved, shift_reconstruction(_reconstruction(sequence), offset_m))
+    far = Recording(tmp_path / "far.rrd")
+    for frame in range(FRAMES):
+        expected_m, found_m = (r.value("/world/sonar", "Transform3D:translation", frame) for r in (recording, far))
+        np.testing.assert_allclose(found_m, expected_m, atol=1e-6)
+    for entity, component in (
+        ("points", "Points3D:positions"),
+        ("arcs", "LineStrips3D:strips"),
+        *((name, "LineStrips3D:strips") for name in ("estimate", "odometry", "groundtruth")),
+    ):
+        expected_m, found_m = (np.array(r.value(f"/world/{entity}", component)) for r in (recording, far))
+        np.testing.assert_allclose(found_m, expected_m, atol=1e-6, err_msg=entity)
+    near_text, far_text = (r.value("/summary", "TextDocument:text")[0] for r in (recording, far))
+    assert "(500000, 5572000, -3000) m" in far_text and "local origin" not in near_text
 
 
 def test_frustum_bounds_the_field_of_view(recording: Recording) -> None:

@@ -12,6 +12,7 @@ from asfm.backend.graph.factors import (
     UNKNOWN_ELEVATION_SIGMA,
     bearing_factor,
     cauchy,
+    first_pose_factor,
     range_factor,
     sonar_from_beam,
     step_factor,
@@ -72,8 +73,7 @@ def _time_graph(
     tracks, sensors = floor.tracks, initial.sensors
     assert tracks.sigma is not None
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    first = gtsam.noiseModel.Gaussian.Covariance(sensors.first_covariance)
-    graph.add(gtsam.PriorFactorPose3(FIRST_POSE, gtsam.Pose3(sensors.first_pose), first))
+    graph.add(first_pose_factor(FIRST_POSE, sensors.first_pose, sensors.first_sigma))
     for index, step in enumerate(sensors.steps):
         graph.add(step_factor(FIRST_POSE + index, FIRST_POSE + index + 1, step, *sensors.step_sigma[index].tolist()))
     for index in range(len(tracks)):

@@ -43,7 +43,7 @@ def make_problem(elevation_rad: FloatArray) -> tuple[BundleProblem, FloatArray, 
     range_m, bearing_rad, _ = project(transform(invert(poses @ LEVER_ARM)[frame], xyz_m[track]))
     sensors = SensorConstraints(
         poses[0],
-        np.eye(6),
+        np.ones(6),
         True,
         invert(poses[:-1]) @ poses[1:],
         np.ones((FRAMES - 1, 2)),

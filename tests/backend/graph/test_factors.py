@@ -13,6 +13,7 @@ from asfm.backend.graph.factors import (
     bearing_factor,
     depth_factor,
     elevation_factor,
+    first_pose_factor,
     range_factor,
     sonar_from_beam,
     step_factor,
@@ -140,9 +141,24 @@ def test_depth_factor_constrains_the_height_alone(seed: int) -> None:
     assert abs(_error(factor, values)[2]) == pytest.approx(0.05)
     assert factor.error(values) == pytest.approx(0.5 * (0.05 / 0.02) ** 2, rel=1e-4)
     sideways = pose.copy()
-    sideways[:2, 3] += rng.normal(0, 5, 2)
-    assert factor.error(_values(sideways, np.zeros(3))) == pytest.approx(factor.error(values), rel=1e-4)
-    _check_jacobian(factor, values, np.array([1e4, 1e4, 0.02]))
+    sideways[:2, 3] += rng.normal(0, 1e7, 2)
+    assert factor.error(_values(sideways, np.zeros(3))) == pytest.approx(factor.error(values), rel=1e-9)
+    _check_jacobian(factor, values, np.array([np.inf, np.inf, 0.02]))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_first_pose_factor_weighs_errors_in_the_axes_of_the_world(seed: int) -> None:
+    """A small rotation or shift along one axis of the world costs half the square of its size over its sigma."""
+    rng = np.random.default_rng(seed)
+    pose, sigma = _random_pose(rng), rng.uniform(0.01, 0.1, 6)
+    factor = first_pose_factor(POSE, pose, sigma)
+    assert factor.error(_values(pose, np.zeros(3))) < 1e-18
+    for axis in range(3):
+        turned, shifted = pose.copy(), pose.copy()
+        turned[:3, :3] = Rotation.from_rotvec(1e-3 * np.eye(3)[axis]).as_matrix() @ pose[:3, :3]
+        shifted[axis, 3] += 0.02
+        for moved, size in ((turned, 1e-3 / sigma[axis]), (shifted, 0.02 / sigma[3 + axis])):
+            assert factor.error(_values(moved, np.zeros(3))) == pytest.approx(size**2 / 2, rel=1e-6)
 
 
 @pytest.mark.parametrize("seed", SEEDS)

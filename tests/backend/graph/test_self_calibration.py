@@ -33,7 +33,7 @@ def make_problem(bias_m: float = 0.0) -> tuple[BundleProblem, FloatArray, FloatA
     tracks = Tracks(track, frame, range_m + bias_m + error[:, 0], bearing_rad + error[:, 1])
     sensors = SensorConstraints(
         poses[0],
-        1e-12 * np.eye(6),
+        np.full(6, 1e-6),
         True,
         invert(poses[:-1]) @ poses[1:],
         np.tile([0.001, 0.005], (FRAMES - 1, 1)),

@@ -74,7 +74,7 @@ def _pose_problem(tracks: Tracks, steps: FloatArray) -> BundleProblem:
     """Make the problem that the round trip was optimised from: steps measured by odometry."""
     nothing = np.zeros((0, 3))
     step_sigma = np.tile(STEP_SIGMA, (len(steps), 1))
-    sensors = SensorConstraints(np.eye(4), np.eye(6), True, steps, step_sigma, nothing, nothing)
+    sensors = SensorConstraints(np.eye(4), np.ones(6), True, steps, step_sigma, nothing, nothing)
     used, sigma = np.ones(len(tracks), dtype=bool), np.tile(SIGMA, (len(tracks), 1))
     return BundleProblem(tracks, used, sigma, sensors, np.eye(4), SONAR.elevation_aperture_rad / 2)
 
