@@ -5,10 +5,7 @@ import traceback
 from collections.abc import Sequence
 from typing import NoReturn
 
-import typer
-
 from asfm import __version__
-from asfm.cli.app import app
 from asfm.cli.memory import MemoryReserve, is_out_of_memory
 from asfm.cli.signals import Stopped
 from asfm.cli.supervisor import supervise
@@ -34,6 +31,12 @@ def run_command_line(arguments: Sequence[str]) -> int:
         of the signal that stopped it (130 interrupted). A reader of stdout that goes early (``| head``) is no error.
     """
     reserve = MemoryReserve()
+    try:
+        import typer
+
+        from asfm.cli.app import app
+    except (Exception, KeyboardInterrupt) as error:
+        return _report(error, reserve)
     command = typer.main.get_command(app)
     try:
         with command.make_context("asfm", list(arguments) or ["--help"]) as context:
@@ -44,13 +47,18 @@ def run_command_line(arguments: Sequence[str]) -> int:
     except BaseException as error:
         if isinstance(error, GeneratorExit | SystemExit):
             raise
-        reserve.release()
-        code, message = _explain(error)
-        if code == EXIT_DEFECT:
-            traceback.print_exc()
-        print_error(message)
-        return code
+        return _report(error, reserve)
     return EXIT_DONE
+
+
+def _report(error: BaseException, reserve: MemoryReserve) -> int:
+    """Print an exception as one line, after a traceback where it is a defect, and return the exit code."""
+    reserve.release()
+    code, message = _explain(error)
+    if code == EXIT_DEFECT:
+        traceback.print_exc()
+    print_error(message)
+    return code
 
 
 def _explain(error: BaseException) -> tuple[int, str]:

@@ -66,7 +66,7 @@ def _work_under_supervision(work: Callable[[], int], sink: int, parent: int) -> 
     atomic_folder.announce = lambda folder: tell(FOLDER + os.fsencode(folder))
     try:
         code = work()
-    except KeyboardInterrupt:  # between commands; a line is printed by the parent
+    except KeyboardInterrupt:  # before or after the command itself; the parent prints the line
         os._exit(EXIT_BAD_INPUT)
     tell(CODE + str(code).encode())
     return code

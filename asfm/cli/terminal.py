@@ -2,10 +2,11 @@
 
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import IO, TYPE_CHECKING
 
-import typer
+from asfm.errors import AsfmError
 
 if TYPE_CHECKING:
     from asfm.diagnostics import Diagnostic
@@ -45,25 +46,34 @@ def print_lines(lines: Iterable[str]) -> None:
     """Print lines of results on stdout.
 
     Raises:
-        OSError: they cannot be written, for example on a full disk. A reader that has gone is no error.
+        AsfmError: they cannot be written, for example on a full disk. A reader that has gone is no error.
     """
-    try:
+    import typer
+
+    with _output_may_end():
         for line in lines:
             typer.echo(line)
-    except BrokenPipeError:
-        sys.stdout = _open_nothing(sys.stdout)
 
 
 def flush_output() -> None:
     """Write what stdout still holds.
 
     Raises:
-        OSError: it cannot be written, for example on a full disk. A reader that has gone is no error.
+        AsfmError: it cannot be written, for example on a full disk. A reader that has gone is no error.
     """
-    try:
+    with _output_may_end():
         sys.stdout.flush()
-    except BrokenPipeError:
+
+
+@contextmanager
+def _output_may_end() -> Iterator[None]:
+    """Discard the rest of the output when stdout takes no more."""
+    try:
+        yield
+    except OSError as error:
         sys.stdout = _open_nothing(sys.stdout)
+        if not isinstance(error, BrokenPipeError):
+            raise AsfmError(f"standard output: cannot write: {error.strerror}") from None
 
 
 def print_diagnostics(diagnostics: "Iterable[Diagnostic]") -> None:
@@ -89,6 +99,8 @@ def format_count(number: int, noun: str) -> str:
 
 def _print_remark(message: str, colour: str | None = None) -> None:
     """Print on stderr. Where that is impossible nobody can be told, and the work goes on."""
+    import typer  # not at the top: signals are handled before it is loaded
+
     try:
         typer.secho(message, err=True, fg=colour)
     except OSError:

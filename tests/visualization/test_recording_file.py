@@ -40,9 +40,11 @@ def test_a_full_disk_stops_no_writer_and_is_one_line(tmp_path: Path, monkeypatch
     with open(file.name, "wb") as sink:  # noqa: PTH123 - as Rerun opens it
         file.release_sink()
         sink.write(bytes(1_000_000))  # more than the pipe holds
-    for check in (lambda: file.close(10.0), file.require_written):
-        with pytest.raises(AsfmError, match=r"x: cannot write the recording: No space left on device$"):
-            check()
+    message = r"x: cannot write the recording: No space left on device$"
+    with pytest.raises(AsfmError, match=message):
+        file.close(10.0)
+    with pytest.raises(AsfmError, match=message):
+        file.require_written()
 
 
 @NEEDS_PIPES
