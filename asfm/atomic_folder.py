@@ -2,18 +2,26 @@
 
 import errno
 import os
-import secrets
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from fnmatch import fnmatch
 from pathlib import Path
 
 from asfm.errors import AsfmError
+from asfm.folder_lock import find_temporaries, lock_folder, name_temporary, remove_leftovers
 
 FULL_DISK = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO})
 """Error numbers of a disk that accepts no more data; such an error does not always name its file."""
+
+
+def _tell_nobody(folder: Path) -> None:
+    """Ignore a temporary folder."""
+
+
+announce: Callable[[Path], None] = _tell_nobody
+"""Called with every temporary folder before it is made; a supervised process tells its parent, which removes it."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +47,8 @@ def atomic_folder(path: Path, kind: FolderKind, overwrite: bool) -> Iterator[Pat
     """Yield a temporary folder that is renamed to ``path`` when the body ends without an exception.
 
     When the body raises, KeyboardInterrupt included, the temporary folder is removed and an existing ``path`` is left
-    unchanged. A killed process leaves ``<name>.<random>.partial``, never an incomplete ``path``.
+    unchanged. A killed process leaves ``<name>.<host>-<process>-<random>.partial``, never an incomplete ``path``; the
+    next output to ``path`` removes it, as its lock tells that its process is dead.
 
     Args:
         path: the final folder; its parents are created.
@@ -53,24 +62,69 @@ def atomic_folder(path: Path, kind: FolderKind, overwrite: bool) -> Iterator[Pat
         AsfmError: ``path`` holds other files, a folder cannot be created or renamed, or the disk is full.
     """
     path = path.resolve()
+    _clean_up(path)
     _require_replaceable(path, kind, overwrite)
-    partial = _temporary_name(path, "partial")
+    with ExitStack() as locks:
+        partial = name_temporary(path, "partial")
+        try:
+            _make_folder(path, partial, locks)
+            yield partial
+        except BaseException as error:
+            remove_partial(partial)
+            if isinstance(error, OSError) and _is_write_error(error, partial):
+                raise AsfmError(f"{path}: cannot write: {error.strerror}") from None
+            raise
+        _finish(path, partial, kind, overwrite)
+
+
+def remove_partial(partial: Path) -> None:
+    """Remove a temporary folder whose content will not be completed."""
+    shutil.rmtree(partial, ignore_errors=True)
+
+
+def _clean_up(path: Path) -> None:
+    """Undo what killed processes left: restore a folder that was renamed aside, then remove temporary folders."""
+    for old in find_temporaries(path, "old"):
+        with lock_folder(old) as locked, suppress(OSError):
+            if locked and not path.exists():
+                old.rename(path)
+    remove_leftovers(path, "old")
+    remove_leftovers(path, "partial")
+
+
+def _make_folder(path: Path, partial: Path, locks: ExitStack) -> None:
     try:
+        announce(partial)
         partial.mkdir(parents=True)
     except OSError as error:
         raise AsfmError(f"{path}: cannot make a folder in {path.parent}: {error.strerror}") from None
-    try:
-        yield partial
-    except BaseException as error:
-        shutil.rmtree(partial, ignore_errors=True)
-        if isinstance(error, OSError) and _is_write_error(error, partial):
-            raise AsfmError(f"{path}: cannot write: {error.strerror}") from None
-        raise
+    locks.enter_context(lock_folder(partial))
+    if not partial.is_dir():  # another process took it for a leftover in the moment before it was locked
+        partial.mkdir(parents=True)
+        locks.enter_context(lock_folder(partial))
+
+
+def _finish(path: Path, partial: Path, kind: FolderKind, overwrite: bool) -> None:
+    """Move the complete folder into place; where that is impossible it stays under its temporary name."""
     try:
         _require_replaceable(path, kind, overwrite)  # again: the folder may have changed since
         _move_into_place(path, partial)
     except (AsfmError, OSError) as error:
-        raise AsfmError(f"{error}; the complete output is in {partial}") from None
+        if not partial.is_dir():
+            raise AsfmError(f"{path}: cannot write: {partial.name} was removed while it was written") from None
+        raise AsfmError(f"{error}; the complete output is in {_keep(partial)}") from None
+    except BaseException:
+        remove_partial(partial)
+        raise
+
+
+def _keep(partial: Path) -> Path:
+    """Rename a complete folder so that no later run takes it for a leftover."""
+    kept = partial.with_suffix(".complete")
+    try:
+        return partial.rename(kept)
+    except OSError:
+        return partial
 
 
 def _require_replaceable(path: Path, kind: FolderKind, overwrite: bool) -> None:
@@ -106,17 +160,16 @@ def _is_write_error(error: OSError, partial: Path) -> bool:
 
 def _move_into_place(path: Path, partial: Path) -> None:
     """Rename the old folder aside and the new one into place, then delete the old one; restore it on failure."""
-    old = _temporary_name(path, "old")
-    try:
-        if path.exists():
-            path.rename(old)
-        partial.rename(path)
-    except BaseException:
-        if old.exists() and not path.exists():
-            old.rename(path)
-        raise
-    shutil.rmtree(old, ignore_errors=True)
-
-
-def _temporary_name(path: Path, suffix: str) -> Path:
-    return path.with_name(f"{path.name}.{secrets.token_hex(4)}.{suffix}")
+    old = name_temporary(path, "old")
+    with lock_folder(path):
+        try:
+            if path.exists():
+                path.rename(old)
+            partial.rename(path)
+        except BaseException:
+            if old.exists() and not path.exists():
+                old.rename(path)
+            raise
+        finally:
+            if path.exists():
+                shutil.rmtree(old, ignore_errors=True)

@@ -112,12 +112,13 @@ def test_file_and_working_directory_are_refused(tmp_path: Path, monkeypatch: pyt
 
 def test_foreign_file_created_meanwhile_and_the_output_both_survive(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    with pytest.raises(AsfmError, match="the complete output is in"), open_folder(out, overwrite=True) as folder:
+    with pytest.raises(AsfmError, match="the complete output is in") as caught, open_folder(out, True) as folder:
         _fill(folder, "new")
         out.mkdir()
         (out / "notes.txt").write_text("precious")
     assert (out / "notes.txt").read_text() == "precious"
-    assert (folder / "config.yaml").read_text() == "new"
+    kept = Path(str(caught.value).partition("the complete output is in ")[2])
+    assert kept.suffix == ".complete" and (kept / "config.yaml").read_text() == "new"
 
 
 def test_old_folder_is_restored_when_the_last_rename_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

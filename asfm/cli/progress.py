@@ -4,7 +4,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-import typer
+from asfm.cli.terminal import print_progress
 
 
 @contextmanager
@@ -39,6 +39,6 @@ def _make_line_printer() -> Callable[[str, int, int], None]:
     def announce(stage: str, done: int, total: int) -> None:  # noqa: ARG001 - the signature of Progress
         if stage not in announced:
             announced.add(stage)
-            typer.echo(f"{stage}: {total} steps", err=True)
+            print_progress(f"{stage}: {total} steps")
 
     return announce

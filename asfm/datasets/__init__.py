@@ -1,6 +1,7 @@
 """Dataset readers, one sub-package per format, and the writer of the native sequence folder."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from asfm.datasets.aris.reader import is_aris, read_aris
@@ -43,12 +44,17 @@ def open_sequence(path: Path) -> Sequence:
             raise AsfmError(f"{path}: expected a sequence, found nothing there")
         for _, is_format, read in FORMATS:
             if is_format(path):
-                return check_plausibility(path, read(path))
+                return _make_printable(check_plausibility(path, read(path)))
         kind = _name_kind(path)
     except OSError as error:
         raise AsfmError(f"{path}: cannot read: {error.strerror} ({error.filename or path})") from None
     formats = "; ".join(description for description, _, _ in FORMATS)
     raise AsfmError(f"{path}: expected one of the formats that are read ({formats}), found {kind or 'none of them'}")
+
+
+def _make_printable(sequence: Sequence) -> Sequence:
+    """Escape the letters of a name that comes from a file name and is not UTF-8: no output file could hold them."""
+    return replace(sequence, name=sequence.name.encode(errors="backslashreplace").decode())
 
 
 def _name_kind(path: Path) -> str | None:

@@ -17,7 +17,7 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
         ValueError: a value is not finite or not representable in JSON, named by its key: a defect of the caller.
     """
     text = json.dumps(_to_plain(content, path.stem), allow_nan=False, sort_keys=True, indent=2, ensure_ascii=False)
-    write_file(path, (text + "\n").encode())
+    write_file(path, (text + "\n").encode(errors="backslashreplace"))  # file names that are not UTF-8: \\udcff
 
 
 def _to_plain(value: Any, key: str) -> Any:

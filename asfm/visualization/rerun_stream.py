@@ -9,9 +9,12 @@ import numpy as np
 from asfm.errors import AsfmError
 from asfm.types import FloatArray
 from asfm.visualization.colours import Colour
+from asfm.visualization.recording_file import RecordingFile
 
-FLUSH_TIMEOUT_S, SECOND_FLUSH_TIMEOUT_S = 5.0, 60.0
-"""Time to wait until the recording is written, at the first and at the second attempt."""
+CLOSE_TIMEOUT_S = 60.0
+"""Time to wait until the recording is written: more than any disk needs that still works."""
+FLUSH_TIMEOUT_S = 1.0
+"""Time between two looks whether writing has failed."""
 
 
 class RerunStream:
@@ -34,10 +37,7 @@ class RerunStream:
         """
         import rerun
 
-        try:
-            path.open("wb").close()
-        except OSError as error:
-            raise AsfmError(f"{path}: cannot write the recording: {error.strerror}") from None
+        self._file = RecordingFile(path)
         self.rerun: Any = rerun
         self._path, self._stamps_s = path, timestamps_s
         self._stream = rerun.RecordingStream(
@@ -50,9 +50,11 @@ class RerunStream:
         self._stream.set_log_time_enabled(False)
         self._stream.set_log_tick_enabled(False)
         try:
-            self._stream.save(path)
+            self._stream.save(self._file.name)
         except RuntimeError as error:
             raise self._write_error(error) from None
+        finally:
+            self._file.release_sink()
         self._stream.send_recording_name(name)
 
     def set_frame(self, index: int) -> None:
@@ -62,7 +64,12 @@ class RerunStream:
         self._stream.set_time("time", **{"timestamp" if self._stamps_s[0] > 1e8 else "duration": stamp_s})
 
     def log(self, entity: str, archetype: Any, static: bool = False) -> None:
-        """Log a Rerun archetype at the current frame, or for all times (static)."""
+        """Log a Rerun archetype at the current frame, or for all times (static).
+
+        Raises:
+            AsfmError: earlier data could not be written, for example on a full disk.
+        """
+        self._file.require_written()
         self._stream.log(entity, archetype, static=static, strict=True)
 
     def log_lines(self, entity: str, strips: Any, colour: Any, radius: float, static: bool = False) -> None:
@@ -92,20 +99,20 @@ class RerunStream:
         """
         try:
             self._flush()
-        except RuntimeError as error:
-            raise self._write_error(error) from None
         finally:
             self._stream.disconnect()
+        self._file.close(CLOSE_TIMEOUT_S)
 
     def _flush(self) -> None:
-        """Wait for Rerun's writer thread, with a timeout: after a failed write it ends and may never answer.
-
-        At the second call Rerun knows that a thread has ended; a thread that is only slow gets more time.
-        """
-        try:
-            self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
-        except RuntimeError:
-            self._stream.flush(timeout_sec=SECOND_FLUSH_TIMEOUT_S)
+        """Wait until Rerun has passed on all data, as long as writing does not fail."""
+        for attempt in range(round(CLOSE_TIMEOUT_S / FLUSH_TIMEOUT_S), 0, -1):
+            try:
+                self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
+                break
+            except RuntimeError as error:
+                self._file.require_written()
+                if attempt == 1:
+                    raise self._write_error(error) from None
 
     def _write_error(self, error: RuntimeError) -> AsfmError:
         return AsfmError(f"{self._path}: cannot write the recording: {' '.join(str(error).split())}")

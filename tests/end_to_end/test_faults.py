@@ -355,7 +355,7 @@ def long_sequence(tmp_path: Path) -> Path:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="sends POSIX signals")
-@pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -9)])
+@pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGKILL, -9)])
 def test_a_run_that_is_stopped_leaves_no_results(long_sequence: Path, sent: signal.Signals, code: int) -> None:
     root = long_sequence.parent
     command = [sys.executable, "-m", "asfm", "run", str(long_sequence), "--output", str(root / "out")]
@@ -370,7 +370,7 @@ def test_a_run_that_is_stopped_leaves_no_results(long_sequence: Path, sent: sign
             process.kill()
     assert "Traceback" not in stderr
     assert not (root / "out").exists()
-    if sent == signal.SIGINT:
+    if sent != signal.SIGKILL:
         assert stderr == "asfm: interrupted; nothing half-written was left\n"
         assert [path.name for path in root.iterdir()] == ["sequence"]
 
@@ -405,3 +405,32 @@ def test_a_fault_in_the_middle_keeps_the_old_results(
     assert ("Traceback" in message) == (code == 1)
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
     assert run(capsys, *command)[0] == 2, "and without --overwrite nothing is even tried"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names that are not UTF-8 are refused elsewhere")
+def test_names_that_are_not_utf8_cost_no_results(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, out = tmp_path / os.fsdecode(b"s\xff"), tmp_path / os.fsdecode(b"o\xff")
+    write_native(folder, make_sequence(count=2))
+    sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
+    code, message = run(capsys, "run", folder, "--output", out)
+    assert code == 0, message
+    assert Path(json.loads((out / "report.json").read_text())["sequence"]["path"]) == folder
+    assert run(capsys, "evaluate", out)[0] == 0
+
+
+@pytest.mark.skipif(sys.platform != "linux" or os.geteuid() != 0, reason="only root mounts a small disk")
+@pytest.mark.parametrize("options", [(), ("--no-rerun",)])
+def test_a_full_disk_ends_a_run_in_one_line(tmp_path: Path, options: tuple[str, ...]) -> None:
+    write_native(tmp_path / "sequence", make_sequence(count=3))
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=16k", "tmpfs", str(disk)], check=False).returncode:
+        pytest.skip("no small disk can be mounted")
+    try:
+        command = [sys.executable, "-m", "asfm", "run", str(tmp_path / "sequence"), "--output", str(disk / "out")]
+        done = subprocess.run([*command, *options], capture_output=True, text=True, timeout=60, check=False)
+        last = done.stderr.splitlines()[-1]
+        assert done.returncode == 2 and "cannot write" in last and "No space left on device" in last, done.stderr
+        assert list(disk.iterdir()) == []
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,34 +24,43 @@ def test_unwritable_file_is_a_one_line_error(tmp_path: Path) -> None:
 class _FailingStream:
     """Stream whose first flushes fail as those of Rerun do."""
 
-    def __init__(self, failures: int) -> None:
-        self.failures = failures
-        self.calls: list[str | float] = []
+    def __init__(self, stream: Any, failures: int) -> None:
+        self.stream, self.failures = stream, failures
+        self.calls: list[str] = []
 
     def flush(self, *, timeout_sec: float) -> None:
-        self.calls.append(timeout_sec)
+        self.calls.append("flush")
+        assert 0 < timeout_sec < 5
         if len(self.calls) <= self.failures:
             raise RuntimeError("File-writer thread\nshut down prematurely")
 
     def disconnect(self) -> None:
         self.calls.append("disconnect")
+        self.stream.disconnect()
 
 
-def test_failure_to_finish_is_a_one_line_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "full.rrd"
-    recording, stream = open_stream(path), _FailingStream(2)
+@pytest.fixture
+def failing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[RerunStream, _FailingStream]:
+    recording = open_stream(tmp_path / "x.rrd")
+    stream = _FailingStream(recording._stream, 2)
     monkeypatch.setattr(recording, "_stream", stream)
+    return recording, stream
+
+
+def test_failure_to_finish_is_a_one_line_error(
+    failing: tuple[RerunStream, _FailingStream], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("asfm.visualization.rerun_stream.CLOSE_TIMEOUT_S", 2.0)
     with pytest.raises(AsfmError) as caught:
-        recording.close()
-    assert str(caught.value) == f"{path}: cannot write the recording: File-writer thread shut down prematurely"
-    assert stream.calls == [5.0, 60.0, "disconnect"]
+        failing[0].close()
+    expected = f"{tmp_path / 'x.rrd'}: cannot write the recording: File-writer thread shut down prematurely"
+    assert str(caught.value) == expected
+    assert failing[1].calls == ["flush", "flush", "disconnect"]
 
 
-def test_slow_disk_gets_a_second_timeout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    recording, stream = open_stream(tmp_path / "slow.rrd"), _FailingStream(1)
-    monkeypatch.setattr(recording, "_stream", stream)
-    recording.close()
-    assert stream.calls == [5.0, 60.0, "disconnect"]
+def test_slow_disk_gets_more_time(failing: tuple[RerunStream, _FailingStream]) -> None:
+    failing[0].close()
+    assert failing[1].calls == ["flush", "flush", "flush", "disconnect"]
 
 
 FULL_DISK = """

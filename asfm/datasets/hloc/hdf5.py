@@ -1,5 +1,6 @@
 """Validated reading of HDF5 files from other programs: groups and arrays of finite numbers."""
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -30,7 +31,14 @@ def open_hdf5(path: Path, mode: Literal["r", "w"] = "r") -> Iterator[Any]:
             yield file
     except (OSError, RuntimeError, KeyError) as error:
         action = "write" if mode == "w" else "read as HDF5"
-        raise AsfmError(f"{path}: cannot {action}: {' '.join(str(error).split())}") from None
+        raise AsfmError(f"{path}: cannot {action}: {_shorten(error)}") from None
+
+
+def _shorten(error: Exception) -> str:
+    """Return the system's reason where HDF5 quotes one among its own state, else its words."""
+    text = " ".join(str(error).split())
+    reason = re.search(r"error message = '([^']*)'", text)
+    return reason.group(1) if reason else text
 
 
 def find_groups(path: Path, file: Any, array: str) -> list[tuple[str, Any]]:
