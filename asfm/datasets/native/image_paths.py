@@ -8,6 +8,8 @@ from asfm.errors import AsfmError, quote
 from asfm.regular_file import check_inside, is_present
 
 FILES = ("sequence.yaml", "frames.csv", "odometry.tum", "navigation.csv", "groundtruth.tum", "landmarks.csv")
+MAX_NAME = 255
+"""Characters of an image's path in the folder."""
 
 
 def check_places(folder: Path) -> None:
@@ -34,7 +36,7 @@ def locate_images(table: Path, rows: list[Row], column: int) -> list[Path | None
         A path for each row, None where the cell is empty.
 
     Raises:
-        AsfmError: a path is absolute, or leads out of the folder, also by links.
+        AsfmError: a path is absolute, longer than 255 characters, or leads out of the folder, also by links.
     """
     folder, checked = table.parent, set[str]()
     paths: list[Path | None] = []
@@ -44,7 +46,7 @@ def locate_images(table: Path, rows: list[Row], column: int) -> list[Path | None
             paths.append(None)
             continue
         path = folder / name
-        if Path(name).is_absolute():
+        if len(name) > MAX_NAME or Path(name).is_absolute():
             raise AsfmError(f"{table}, line {line}: expected the path of an image in the folder, found {quote(name)}")
         parent = os.path.dirname(name)  # noqa: PTH120  (pathlib takes ten times as long)
         if parent not in checked or path.is_symlink():

@@ -21,7 +21,9 @@ def test_images_in_the_folder_are_located(tmp_path: Path) -> None:
     ]
 
 
-@pytest.mark.parametrize("name", ["../secret.png", "/etc/hosts", "link.png", "frames/out/0.png", "frames/../../x.png"])
+@pytest.mark.parametrize(
+    "name", ["../secret.png", "/etc/hosts", "link.png", "frames/out/0.png", "frames/../../x.png", "x" * 300]
+)
 @pytest.mark.parametrize("column", ["image", "invalid_mask"])
 def test_an_image_outside_is_refused(tmp_path: Path, name: str, column: str) -> None:
     write_native(tmp_path / "in", make_sequence())
