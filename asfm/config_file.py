@@ -7,10 +7,8 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from asfm.config import Config
-from asfm.errors import AsfmError
-
-YAML_ERRORS = (yaml.YAMLError, ValueError, RecursionError)
-"""Exceptions of PyYAML on malformed text; ValueError for impossible dates, numbers and bytes."""
+from asfm.errors import AsfmError, quote, shorten
+from asfm.safe_yaml import parse_yaml, read_yaml
 
 
 def load_config(path: Path | None = None, overrides: tuple[str, ...] = ()) -> Config:
@@ -23,7 +21,7 @@ def load_config(path: Path | None = None, overrides: tuple[str, ...] = ()) -> Co
     Raises:
         AsfmError: the file cannot be read, a key is unknown or a value is invalid.
     """
-    settings = _read_yaml(path) if path is not None else {}
+    settings = _read_settings(path) if path is not None else {}
     for override in overrides:
         _apply_override(settings, override)
     try:
@@ -37,11 +35,8 @@ def dump_config(config: Config) -> str:
     return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
 
 
-def _read_yaml(path: Path) -> dict[str, Any]:
-    try:
-        settings = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, *YAML_ERRORS) as error:
-        raise AsfmError(f"{path}: cannot read the configuration: {' '.join(str(error).split())}") from None
+def _read_settings(path: Path) -> dict[str, Any]:
+    settings = read_yaml(path, "the configuration")
     if settings is None:
         return {}
     if not isinstance(settings, dict):
@@ -52,32 +47,25 @@ def _read_yaml(path: Path) -> dict[str, Any]:
 def _apply_override(settings: dict[str, Any], override: str) -> None:
     name, separator, text = override.partition("=")
     if not separator or not name.strip():
-        raise AsfmError(f"--set {override}: expected section.key=value")
+        raise AsfmError(f"--set {shorten(override)}: expected section.key=value")
     *sections, key = name.strip().split(".")
     for section in sections:
         settings = settings.setdefault(section, {})
         if not isinstance(settings, dict):
-            raise AsfmError(f"--set {override}: {section} is a value, not a section")
-    try:
-        settings[key] = yaml.safe_load(text)
-    except YAML_ERRORS:
-        raise AsfmError(f"--set {_shorten(override)}: {_shorten(text)!r} is not a YAML value") from None
+            raise AsfmError(f"--set {shorten(override)}: {shorten(section)} is a value, not a section")
+    settings[key] = parse_yaml(text, f"--set {shorten(override)}: {quote(text)} is not a YAML value")
 
 
 def _describe_fault(error: ValidationError, path: Path | None) -> str:
-    first = error.errors()[0]
-    name = ".".join(str(part) for part in first["loc"])
+    first = error.errors(include_url=False, include_context=False)[0]
+    name = quote(".".join(str(part) for part in first["loc"]))
     where = f"{path}: " if path is not None else ""
     if first["type"] == "extra_forbidden":
         known = ", ".join(_known_keys(first["loc"]))
-        return f"{where}unknown key {name!r} in the configuration; known here: {known}"
+        return f"{where}unknown key {name} in the configuration; known here: {known}"
     if first["type"] == "value_error":
-        return f"{where}configuration section {name!r}: {first['msg'].removeprefix('Value error, ')}"
-    return f"{where}configuration key {name!r}: {first['msg']}, found {_shorten(repr(first['input']))}"
-
-
-def _shorten(text: str) -> str:
-    return text if len(text) <= 80 else f"{text[:77]}..."
+        return f"{where}configuration section {name}: {shorten(first['msg'].removeprefix('Value error, '), 200)}"
+    return f"{where}configuration key {name}: {shorten(first['msg'], 200)}, found {quote(first['input'])}"
 
 
 def _known_keys(location: tuple[int | str, ...]) -> list[str]:

@@ -192,3 +192,11 @@ def test_folder_or_binary_file_is_an_error(tmp_path: Path) -> None:
     assert str(tmp_path) in message_of(tmp_path)
     (tmp_path / "image.yaml").write_bytes(b"\xff\xfe\x00seed")
     assert "image.yaml" in message_of(tmp_path / "image.yaml")
+
+
+@pytest.mark.parametrize("value", ["1e40", "1e308", "9" * 400, "-1e40"])
+def test_every_number_has_bounds_on_both_sides(value: str) -> None:
+    for section, model in ((name, getattr(Config(), name)) for name in Config.model_fields):
+        for key, found in model if isinstance(model, BaseModel) else ():
+            if isinstance(found, int | float) and not isinstance(found, bool):
+                assert key in message_of(None, f"{section}.{key}={value}")

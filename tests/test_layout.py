@@ -11,7 +11,6 @@ WITHOUT_A_TEST_FILE = {
     "asfm/__main__.py": "calls asfm.cli.main",
     "asfm/cli/app.py": "the commands, each tested in tests/commands",
     "asfm/commands/denoise_files.py": "files of asfm denoise: tests/commands/test_denoise.py",
-    "asfm/errors.py": "an exception without code",
     "asfm/pipeline/reconstruction.py": "the whole pipeline: tests/end_to_end",
     "asfm/pipeline/summary.py": "calls of the back-end: tests/end_to_end/test_pipeline.py",
     "asfm/results/run_summary.py": "a dataclass without methods",

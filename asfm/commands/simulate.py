@@ -6,6 +6,7 @@ from pathlib import Path
 from asfm.datasets.native.writer import write_native
 from asfm.datasets.tables import read_tum
 from asfm.errors import AsfmError
+from asfm.regular_file import is_present
 from asfm.sequence import Sequence
 from asfm.stages import Progress, no_progress
 from asfm.types import Trajectory
@@ -76,4 +77,4 @@ def _read_motion(motion: str | None) -> str | Trajectory | None:
     path = Path(motion)
     if path.is_dir():
         raise AsfmError(f"{path}: expected a motion's name or a path in TUM format, found a folder")
-    return read_tum(path) if path.suffix or path.exists() else motion
+    return read_tum(path) if path.suffix or is_present(path) else motion

@@ -5,12 +5,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from asfm.datasets.aris.reader import is_aris, read_aris
-from asfm.datasets.file_kinds import SNIFFED_BYTES, name_kind
 from asfm.datasets.holoocean.reader import is_holoocean, read_holoocean
 from asfm.datasets.native.reader import is_native, open_native_truth, read_native
 from asfm.datasets.oculus.reader import is_oculus, read_oculus
 from asfm.datasets.plausibility import check_plausibility
 from asfm.errors import AsfmError
+from asfm.file_kinds import SNIFFED_BYTES, name_kind
+from asfm.regular_file import check_file, is_regular, open_file
 from asfm.sequence import Sequence
 from asfm.types import FrameTruth
 
@@ -40,8 +41,8 @@ def open_sequence(path: Path) -> Sequence:
             that cannot be.
     """
     try:
-        if not path.exists():
-            raise AsfmError(f"{path}: expected a sequence, found nothing there")
+        if not path.is_dir():
+            check_file(path, "a sequence")
         for _, is_format, read in FORMATS:
             if is_format(path):
                 return _make_printable(check_plausibility(path, read(path)))
@@ -58,9 +59,9 @@ def _make_printable(sequence: Sequence) -> Sequence:
 
 
 def _name_kind(path: Path) -> str | None:
-    if not path.is_file():
+    if not is_regular(path):
         return None
-    with path.open("rb") as file:
+    with open_file(path, "a sequence") as file:
         return name_kind(file.read(SNIFFED_BYTES))
 
 

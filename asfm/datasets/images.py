@@ -8,8 +8,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from asfm.datasets.file_kinds import name_kind
 from asfm.errors import AsfmError
+from asfm.file_kinds import SNIFFED_BYTES, name_kind
+from asfm.regular_file import open_file, read_file
 from asfm.types import ImageArray
 
 Bits = Literal[8, 16]
@@ -17,6 +18,12 @@ Bits = Literal[8, 16]
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 HEADER_BYTES = 33
 """Signature and the whole IHDR chunk."""
+MAX_BYTES = 256 << 20
+MAX_PIXELS = 50_000_000
+"""The largest images of imaging sonars have two million."""
+MAX_COMPRESSION = 1040
+"""Deflate makes data smaller by 1032 at most, so that a small file with more pixels is no whole image."""
+EXPECTED = "a grey PNG image"
 COLOUR_TYPES = {0: "grey", 2: "RGB", 3: "palette", 4: "grey with alpha", 6: "RGB with alpha"}
 
 
@@ -26,12 +33,9 @@ def read_png_shape(path: Path) -> tuple[int, int]:
     Raises:
         AsfmError: the file is missing, not a PNG or not grey.
     """
-    try:
-        with path.open("rb") as file:
-            header = file.read(HEADER_BYTES)
-    except OSError as error:
-        raise AsfmError(f"{path}: expected a grey PNG image, found none: {error.strerror}") from None
-    return _parse_header(path, header)
+    with open_file(path, EXPECTED, MAX_BYTES) as file:
+        header = file.read(SNIFFED_BYTES)
+    return _parse_header(path, header, path.stat().st_size)
 
 
 def check_png_shape(path: Path, shape: tuple[int, int]) -> None:
@@ -58,11 +62,8 @@ def read_grey_png(path: Path, shape: tuple[int, int]) -> NDArray[Any]:
     """
     import cv2
 
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise AsfmError(f"{path}: expected a grey PNG image, found none: {error.strerror}") from None
-    _check_shape(path, _parse_header(path, content), shape)
+    content = read_file(path, EXPECTED, MAX_BYTES)
+    _check_shape(path, _parse_header(path, content, len(content)), shape)
     _check_chunks(path, content)
     try:
         pixels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
@@ -93,16 +94,22 @@ def quantise(image: ImageArray, bits: Bits) -> NDArray[Any]:
     return np.round(image.astype(np.float64) * np.iinfo(dtype).max).astype(dtype)
 
 
-def _parse_header(path: Path, content: bytes) -> tuple[int, int]:
+def _parse_header(path: Path, content: bytes, file_bytes: int) -> tuple[int, int]:
+    """Return (rows, columns) after checks of the kind, and of the size against that of the file."""
     if len(content) < HEADER_BYTES or not content.startswith(SIGNATURE) or content[12:16] != b"IHDR":
-        kind = None if content.startswith(SIGNATURE) else name_kind(content[:HEADER_BYTES])
-        found = f"{len(content[:HEADER_BYTES])} bytes that are no PNG header{f' but {kind}' if kind else ''}"
+        kind = None if content.startswith(SIGNATURE) else name_kind(content[:SNIFFED_BYTES])
+        found = kind or f"{min(file_bytes, HEADER_BYTES)} bytes that are no PNG header"
         raise AsfmError(f"{path}: expected a grey PNG image, found {found}")
-    columns, rows, _, colour = struct.unpack_from(">IIBB", content, 16)
+    columns, rows, bits, colour = struct.unpack_from(">IIBB", content, 16)
     if colour != 0:
         raise AsfmError(
             f"{path}: expected a grey PNG image (one channel), "
             f"found {COLOUR_TYPES.get(colour, f'colour type {colour}')}: convert it to grey"
+        )
+    if rows * columns > MAX_PIXELS or rows * columns * bits > 8 * MAX_COMPRESSION * file_bytes:
+        raise AsfmError(
+            f"{path}: expected a whole {EXPECTED[2:]} of {MAX_PIXELS} pixels at most, found a header of {rows} x "
+            f"{columns} pixels in a file of {file_bytes} bytes: write it again"
         )
     return rows, columns
 

@@ -6,15 +6,19 @@ from pathlib import Path
 
 import numpy as np
 
-from asfm.datasets.file_kinds import LFS_ADVICE, is_lfs_pointer
 from asfm.datasets.value_bounds import check_stamps
-from asfm.errors import AsfmError
+from asfm.errors import AsfmError, quote, shorten
 from asfm.geometry.poses import pose_from_tum
+from asfm.regular_file import read_text
 from asfm.types import FloatArray, IntArray, Trajectory
 
 Row = tuple[int, list[str]]
 """Line number, counted from 1, and the cells on that line."""
 
+MAX_NUMBER = 1e30
+"""Squares and cubes of larger numbers overflow."""
+MAX_POSITION_M = 1e9
+"""Coordinates of every map projection, and those about the Earth's centre, are smaller."""
 TUM_COLUMNS = ("timestamp_s", "x", "y", "z", "qx", "qy", "qz", "qw")
 NO_POSE = ("0", "0", "0", "0", "0", "0", "1")
 """Cells that stand in for those of a row without a pose."""
@@ -47,8 +51,9 @@ def read_csv(
     header = rows[0][1]
     unknown = [name for name in header if name not in required + optional]
     missing = [name for name in required if name not in header]
+    found = shorten(",".join(header[:100]))
     if unknown or missing or len(set(header)) < len(header):
-        raise AsfmError(f"{path}, line {rows[0][0]}: expected the header {expected}, found {','.join(header)}")
+        raise AsfmError(f"{path}, line {rows[0][0]}: expected the header {expected}, found {found}")
     if len(rows) == 1 and not may_be_empty:
         raise AsfmError(f"{path}: expected at least one row below the header, found none")
     for line, cells in rows[1:]:
@@ -86,6 +91,11 @@ def read_tum(path: Path, may_be_lost: bool = False) -> Trajectory:
     ]
     values = np.stack([parse_numbers(path, measured, column, name) for column, name in enumerate(TUM_COLUMNS)], axis=1)
     check_increasing(path, rows, values[:, 0])
+    for index in np.flatnonzero(np.abs(values[:, 1:4]).max(axis=1) > MAX_POSITION_M)[:1]:
+        found = quote(rows[index][1][1:4])
+        raise AsfmError(
+            f"{path}, line {rows[index][0]}: expected x y z in metres, {MAX_POSITION_M:g} at most, found {found}"
+        )
     norms = np.linalg.norm(values[:, 4:], axis=1)
     for index in np.flatnonzero(np.abs(norms - 1.0) > QUATERNION_NORM_TOLERANCE)[:1]:
         raise AsfmError(
@@ -118,12 +128,14 @@ def parse_numbers(path: Path, rows: list[Row], column: int, name: str) -> FloatA
         (N,) float64, one number per row.
 
     Raises:
-        AsfmError: a cell is not a finite number.
+        AsfmError: a cell is not a finite number, or beyond every unit.
     """
     values = np.array([_parse(float, path, row, column, name, "a number") for row in rows])
-    for index in np.flatnonzero(~np.isfinite(values))[:1]:
+    for index in np.flatnonzero(~(np.abs(values) <= MAX_NUMBER))[:1]:
         line, cells = rows[index]
-        raise AsfmError(f"{path}, line {line}: expected a finite {name}, found {cells[column]}")
+        if np.isfinite(values[index]):
+            name += f" up to {MAX_NUMBER:g}"
+        raise AsfmError(f"{path}, line {line}: expected a finite {name}, found {shorten(cells[column])}")
     return values
 
 
@@ -163,25 +175,17 @@ def _parse(convert: Callable[[str], float], path: Path, row: Row, column: int, n
     try:
         return convert(cells[column])
     except (ValueError, OverflowError):
-        raise AsfmError(f"{path}, line {line}: expected {expected} as {name}, found {cells[column]!r}") from None
+        raise AsfmError(f"{path}, line {line}: expected {expected} as {name}, found {quote(cells[column])}") from None
 
 
 def _split_lines(path: Path, csv_lines: bool) -> Iterator[Row]:
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise AsfmError(f"{path}: expected a file, found none") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise AsfmError(f"{path}: cannot read the table: {error}") from None
-    if is_lfs_pointer(text[:80].encode()):
-        raise AsfmError(f"{path}: expected a table, found {LFS_ADVICE}")
-    lines = text.splitlines()
+    lines = read_text(path, "a table").splitlines()
     if not csv_lines:
         split = (line.partition("#")[0].split() for line in lines)
         return ((number, cells) for number, cells in enumerate(split, start=1) if cells)
     try:
         cells_of_lines = [next(csv.reader([line], strict=True), []) for line in lines]
     except csv.Error as error:
-        raise AsfmError(f"{path}: cannot read the table: {error}") from None
+        raise AsfmError(f"{path}: cannot read the table: {shorten(str(error))}") from None
     stripped = ([cell.strip() for cell in cells] for cells in cells_of_lines)
     return ((number, cells) for number, cells in enumerate(stripped, start=1) if any(cells))

@@ -13,6 +13,7 @@ EPOCH_S = (5e8, 9e9)
 """Stamps since 1970 lie here once they are in seconds."""
 MAX_MEDIAN_STEP_S = 1e4
 """No sensor is read less often than every three hours, so that stamps further apart are in another unit."""
+MAX_LENGTH_M = 1e9
 TYPICAL_STEP_S = 0.1
 UNITS = ((1e3, "milliseconds"), (1e6, "microseconds"), (1e9, "nanoseconds"))
 """Number of them in a second, and their name."""
@@ -64,6 +65,17 @@ def guess_unit(timestamps_s: FloatArray) -> str:
     else:
         return "no clock counts so many seconds; correct the stamps"
     return f"these look like {name}: divide by 1e{round(np.log10(unit))}"
+
+
+def check_lengths(where: Path, lines: list[int], lengths_m: FloatArray, name: str) -> None:
+    """Check that lengths (N,) can be metres; other arguments as for :func:`check_angles`.
+
+    Raises:
+        AsfmError: a length is beyond a million kilometres.
+    """
+    for index in np.flatnonzero(~(np.abs(lengths_m) <= MAX_LENGTH_M))[:1]:
+        found = f"{float(lengths_m[index]):g}"
+        raise AsfmError(f"{where}, line {lines[index]}: expected |{name}| <= {MAX_LENGTH_M:g} m, found {found}")
 
 
 def check_angles(where: Path, lines: list[int], angles_rad: FloatArray, name: str, bound_rad: float) -> None:

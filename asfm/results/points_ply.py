@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from asfm.errors import AsfmError
+from asfm.regular_file import read_file
 from asfm.results.output_file import require_finite, write_file
 from asfm.types import BoolArray, FloatArray, IntArray, Landmarks
 
@@ -18,6 +19,7 @@ PROPERTIES = {
     "well_constrained": ("u1", "uchar"),
 }
 """Name, NumPy and PLY type of every property of a point."""
+MAX_VALUE_M = 1e12
 VERTEX = np.dtype([(name, kind) for name, (kind, _) in PROPERTIES.items()])
 
 
@@ -57,15 +59,15 @@ def read_points(path: Path) -> Points:
     Raises:
         AsfmError: the file cannot be read, or is not one that asfm wrote.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise AsfmError(f"{path}: cannot read: {error.strerror}") from None
+    data = read_file(path, "the points of asfm run")
     end = data.find(b"end_header\n") + len(b"end_header\n")
     count, left_over = divmod(len(data) - end, VERTEX.itemsize)
     if left_over or data[:end] != _make_header(count):
         raise AsfmError(f"{path}: expected the points of asfm run, found another or a damaged file; run asfm run again")
     vertices = np.frombuffer(data, VERTEX, offset=end)
+    for name in ("x", "y", "z", "sigma_m"):
+        for row in np.flatnonzero(~(np.abs(vertices[name]) <= MAX_VALUE_M))[:1]:
+            raise AsfmError(f"{path}, point {row}: expected a finite {name} in metres, found {vertices[name][row]:g}")
     return Points(
         xyz_m=np.stack([vertices[name] for name in "xyz"], axis=1),
         sigma_m=vertices["sigma_m"].astype(float),

@@ -1,17 +1,19 @@
 """report.json: input, counts, diagnostics, wall time and memory of each stage, and versions of a run."""
 
-import json
 import platform
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from asfm.config import Config
-from asfm.errors import AsfmError
+from asfm.errors import AsfmError, quote
+from asfm.regular_file import is_present
 from asfm.results.json_file import write_json
 from asfm.results.results_folder import REPORT
 from asfm.results.run_summary import RunSummary
+from asfm.safe_json import read_json
 
+MAX_PATH = 4096
 DISTRIBUTIONS = ("asfm", "gtsam", "numpy", "opencv-python-headless", "scipy", "scikit-learn", "rerun-sdk")
 """The packages whose version can change a result."""
 
@@ -58,18 +60,15 @@ def read_report(folder: Path) -> dict[str, Any]:
         AsfmError: there is no report, or it was not written by asfm run.
     """
     path = folder / REPORT
-    try:
-        report = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise AsfmError(f"{folder}: expected a folder that asfm run wrote, found no {REPORT} in it") from None
-    except OSError as error:
-        raise AsfmError(f"{path}: cannot read: {error.strerror}") from None
-    except (ValueError, RecursionError) as error:
-        raise AsfmError(f"{path}: expected JSON, found something else: {error}") from None
+    if not is_present(path):
+        raise AsfmError(f"{folder}: expected a folder that asfm run wrote, found no {REPORT} in it")
+    report = read_json(path, "a report of asfm run")
     if not isinstance(report, dict) or not isinstance(report.get("sequence"), dict):
         raise AsfmError(f"{path}: expected a report of asfm run, found no sequence in it")
     if not isinstance(report["sequence"].get("path"), str):
         raise AsfmError(f"{path}: expected the sequence's path in it, found none")
+    if not report["sequence"]["path"].isprintable() or len(report["sequence"]["path"]) > MAX_PATH:
+        raise AsfmError(f"{path}: expected the sequence's path in it, found {quote(report['sequence']['path'])}")
     return report
 
 

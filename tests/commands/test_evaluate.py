@@ -90,7 +90,7 @@ def test_reference_replaces_the_truth(demo_folder: Path, tmp_path: Path, ask: As
     assert "gone: expected a sequence" in message and "--reference" in message and message.count("\n") == 1
     text = ask("evaluate", results, "--reference", results / "trajectory.tum")
     assert "note: Without the odometry's row: " in text
-    for content, expected in (("{", "expected JSON"), ("[]", "no sequence in it"), ('{"sequence": {}}', "path")):
+    for content, expected in (("{", "cannot read a report"), ("[]", "no sequence in it"), ('{"sequence": {}}', "path")):
         (results / "report.json").write_text(content)
         assert run_command_line(["evaluate", str(results)]) == 2
         assert expected in capsys.readouterr().err

@@ -14,7 +14,7 @@ from asfm.errors import AsfmError
 
 
 def test_a_missing_path_is_reported(tmp_path: Path) -> None:
-    with pytest.raises(AsfmError, match=r"nowhere: expected a sequence, found nothing there"):
+    with pytest.raises(AsfmError, match=r"nowhere: expected a sequence, found none"):
         open_sequence(tmp_path / "nowhere")
 
 

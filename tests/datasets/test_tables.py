@@ -79,19 +79,19 @@ def test_only_a_table_that_may_be_empty_is_read_without_rows(tmp_path: Path) -> 
 
 
 def test_a_file_that_is_missing_a_folder_or_not_utf8_is_reported(tmp_path: Path) -> None:
-    with pytest.raises(AsfmError, match=r"none\.csv: expected a file, found none"):
+    with pytest.raises(AsfmError, match=r"none\.csv: expected a table, found none"):
         read_csv(tmp_path / "none.csv", ("a",))
-    with pytest.raises(AsfmError, match="cannot read the table"):
+    with pytest.raises(AsfmError, match="expected a table, found a folder"):
         read_csv(tmp_path, ("a",))
     (tmp_path / "a.csv").write_bytes(b"a\n\xff\n")
-    with pytest.raises(AsfmError, match="cannot read the table"):
+    with pytest.raises(AsfmError, match="in UTF-8, found the byte 0xff at 2"):
         read_csv(tmp_path / "a.csv", ("a",))
 
 
 # Cells
 
 
-@given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1))
+@given(st.lists(st.floats(-1e30, 1e30), min_size=1))
 def test_the_repr_of_a_number_is_read_as_the_same_number(values: list[float]) -> None:
     rows = [(line, ["x", repr(value)]) for line, value in enumerate(values, start=2)]
     found = parse_numbers(Path("a.csv"), rows, 1, "z_m")

@@ -56,5 +56,5 @@ def test_points_are_read_back_and_damage_is_a_one_line_error(tmp_path: Path, cou
         with pytest.raises(AsfmError, match=r"^[^\n]*points\.ply: expected the points of asfm run[^\n]*$"):
             read_points(path)
     path.unlink()
-    with pytest.raises(AsfmError, match=r"^[^\n]*points\.ply: cannot read"):
+    with pytest.raises(AsfmError, match=r"^[^\n]*points\.ply: expected the points of asfm run, found none"):
         read_points(path)

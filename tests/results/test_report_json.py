@@ -62,7 +62,7 @@ def test_report_states_sequence_counts_stages_and_diagnostics(tmp_path: Path) ->
     ("content", "message"),
     [
         (None, "found no report.json in it"),
-        ("{", r"report\.json: expected JSON"),
+        ("{", r"report\.json: cannot read a report"),
         ("[]", "no sequence in it"),
         (json.dumps({"sequence": {}}), "expected the sequence's path"),
     ],

@@ -88,7 +88,7 @@ def test_malformed_rows_are_one_line_errors_with_file_and_line(tmp_path: Path, r
 
 
 def test_missing_file_and_wrong_header_are_one_line_errors(tmp_path: Path) -> None:
-    with pytest.raises(AsfmError, match=r"^[^\n]*tracks\.csv: expected a file, found none$"):
+    with pytest.raises(AsfmError, match=r"^[^\n]*tracks\.csv: expected a table, found none$"):
         read_tracks(tmp_path / "tracks.csv", 9)
     (tmp_path / "tracks.csv").write_text("timestamp_s,image\n")
     with pytest.raises(AsfmError, match=rf"^[^\n]*line 1: expected the header {HEADER}, found timestamp_s,image$"):

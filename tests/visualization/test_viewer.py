@@ -18,7 +18,7 @@ def test_viewer_opens_a_new_window_and_listens_locally_only(tmp_path: Path, monk
         return subprocess.CompletedProcess(command, 7)
 
     monkeypatch.setattr("asfm.visualization.viewer.subprocess.run", record)
-    (tmp_path / "x.rrd").touch()
+    (tmp_path / "x.rrd").write_bytes(b"RRF2")
     assert open_viewer(tmp_path / "x.rrd") == 7
     (command,) = commands
     assert command[:3] == [sys.executable, "-m", "rerun"] and command[-1] == str(tmp_path / "x.rrd")

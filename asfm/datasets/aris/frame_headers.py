@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from asfm.errors import AsfmError
+from asfm.regular_file import check_file, open_file
 
 SIGNATURE = b"DDF\x05"
 HEADER_BYTES = 1024
@@ -45,10 +46,10 @@ def read_headers(path: Path) -> NDArray[Any]:
     Raises:
         AsfmError: the file is cut off, holds no frame, or a header is damaged or states another size.
     """
-    size = path.stat().st_size
+    size = check_file(path, "an ARIS recording")
     chunks: list[bytes] = []
     frame_bytes = shape = None
-    with path.open("rb") as file:
+    with open_file(path, "an ARIS recording") as file:
         if file.read(4) != SIGNATURE:
             raise AsfmError(f"{path}: expected an ARIS recording that starts with the bytes DDF 05, found others")
         offset = HEADER_BYTES

@@ -18,6 +18,7 @@ from asfm.datasets.images import scale_to_unit
 from asfm.diagnostics import Diagnostic
 from asfm.errors import AsfmError
 from asfm.geometry.sonar import SonarModel
+from asfm.regular_file import is_regular, open_file
 from asfm.sequence import Sequence
 from asfm.types import FloatArray, Frame
 
@@ -42,9 +43,9 @@ class ArisFrames:
 
 def is_aris(path: Path) -> bool:
     """Return whether a path is an ARIS recording, by the first bytes of the file."""
-    if not path.is_file():
+    if not is_regular(path):
         return False
-    with path.open("rb") as file:
+    with open_file(path, "an ARIS recording") as file:
         return file.read(4) == SIGNATURE
 
 
@@ -88,7 +89,7 @@ def read_aris_frame(frames: ArisFrames, index: int) -> Frame:
     if not 0 <= index < len(frames.timestamps_s):
         raise IndexError(f"frame {index} of a sequence with frames 0..{len(frames.timestamps_s) - 1}")
     size = frames.shape[0] * frames.shape[1]
-    with frames.path.open("rb") as file:
+    with open_file(frames.path, "an ARIS recording") as file:
         file.seek(2 * HEADER_BYTES + index * (HEADER_BYTES + size))
         content = file.read(size)
     if len(content) < size:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from asfm.datasets.hloc.hdf5 import find_groups, open_hdf5, read_array
 from asfm.datasets.hloc.image_names import ImageNames
-from asfm.errors import AsfmError
+from asfm.errors import AsfmError, quote
 from asfm.geometry.sonar import SonarModel
 from asfm.sequence import Sequence
 from asfm.types import Descriptors, ExternalMatches, FloatArray, Keypoints, Matches
@@ -89,14 +89,18 @@ def _read_features(path: Path, sonar: SonarModel, names: ImageNames) -> list[Key
         for name, group in find_groups(path, file, "keypoints"):
             frame = frames.get(name)
             if frame is None:
-                raise AsfmError(f"{path}: expected images of the sequence ({names.names[0]!r}, ...), found {name!r}")
+                known = quote(names.names[0])
+                raise AsfmError(f"{path}: expected images of the sequence ({known}, ...), found {quote(name)}")
             if frame in found:
-                raise AsfmError(f"{path}: image {name!r} is the second group of frame {frame}: remove one of the two")
-            found[frame] = _read_keypoints(f"{path}, image {name!r}", group, sonar, names)
+                raise AsfmError(
+                    f"{path}: image {quote(name)} is the second group of frame {frame}: remove one of the two"
+                )
+            found[frame] = _read_keypoints(f"{path}, image {quote(name)}", group, sonar, names)
     missing = sorted(set(range(len(names.names))) - set(found))
     if missing:
         raise AsfmError(
-            f"{path}: expected keypoints of all {len(names.names)} images, found none for {names.names[missing[0]]!r}"
+            f"{path}: expected keypoints of all {len(names.names)} images, "
+            f"found none for {quote(names.names[missing[0]])}"
         )
     return [found[frame] for frame in sorted(found)]
 
@@ -138,7 +142,11 @@ def _read_descriptors(where: str, group: Any, count: int) -> Descriptors:
     columns = read_array(where, group, "descriptors", (None, count))
     if columns.dtype == np.uint8:
         return np.ascontiguousarray(columns.T)
-    return np.ascontiguousarray(columns.T, dtype=np.float32)
+    with np.errstate(over="ignore"):
+        descriptors = np.ascontiguousarray(columns.T, dtype=np.float32)
+    if not np.isfinite(descriptors).all():
+        raise AsfmError(f"{where}: expected descriptors within float32, found larger numbers")
+    return descriptors
 
 
 def _read_matches(path: Path, names: ImageNames, counts: list[int]) -> list[Matches]:
@@ -153,9 +161,11 @@ def _read_matches(path: Path, names: ImageNames, counts: list[int]) -> list[Matc
                 or not all(part in frames for part in parts)
                 or len({frames[part] for part in parts}) < 2
             ):
-                raise AsfmError(f"{path}: expected groups name0/name1 of two images of the sequence, found {name!r}")
+                raise AsfmError(
+                    f"{path}: expected groups name0/name1 of two images of the sequence, found {quote(name)}"
+                )
             first, second = frames[parts[0]], frames[parts[1]]
-            match = _read_pair(f"{path}, pair {name!r}", group, first, second, counts)
+            match = _read_pair(f"{path}, pair {quote(name)}", group, first, second, counts)
             pair = (match.frame_a, match.frame_b)
             if pair not in found or first < second:
                 found[pair] = (first, match)

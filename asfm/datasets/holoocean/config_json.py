@@ -11,15 +11,16 @@ from asfm.datasets.native.sequence_yaml import explain
 from asfm.errors import AsfmError
 
 DEFAULT_RATE_HZ = 1.0
+MIN_SPAN_M = 1e-3
 
 
 class _SonarGeometry(BaseModel):
     """The geometry in the sonar's ``configuration``; keys of the noise and of the engine are ignored."""
 
-    Azimuth: float = Field(gt=0, le=360)
-    Elevation: float = Field(gt=0, le=180)
-    RangeMin: float = Field(ge=0, allow_inf_nan=False)
-    RangeMax: float = Field(gt=0, allow_inf_nan=False)
+    Azimuth: float = Field(ge=1e-3, le=360)
+    Elevation: float = Field(ge=1e-3, le=180)
+    RangeMin: float = Field(ge=0, le=1e5, allow_inf_nan=False)
+    RangeMax: float = Field(ge=1e-3, le=1e5, allow_inf_nan=False)
     RangeBins: int | None = None
     AzimuthBins: int | None = None
 
@@ -83,6 +84,6 @@ def _read_geometry(path: Path, sonar: Sensor) -> _SonarGeometry:
         geometry = _SonarGeometry.model_validate(sonar.configuration)
     except ValidationError as error:
         raise AsfmError(explain(error, f"{path}, configuration of {sonar.name}")) from None
-    if geometry.RangeMin >= geometry.RangeMax:
+    if geometry.RangeMax - geometry.RangeMin < MIN_SPAN_M:
         raise AsfmError(f"{path}: expected RangeMin below RangeMax, found {geometry.RangeMin} and {geometry.RangeMax}")
     return geometry

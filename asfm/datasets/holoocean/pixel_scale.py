@@ -13,6 +13,8 @@ MAX_CUT_SHARE, MAX_CUT_VALUE = 0.02, 3.0
 """Noise lifts fewer pixels above 1 in images of 0..1, and no further; they are cut."""
 MAX_NEGATIVE = 1.0
 """Noise never takes an image of 0..1 further below 0."""
+MAX_VALUE = 1e30
+"""Images are float32."""
 INTEGER_SCALES = (255.0, 65535.0)
 """Upper ends of images that were integers of 8 and of 16 bits."""
 
@@ -63,6 +65,8 @@ def choose_scale(where: Path, levels: list[Levels], diagnostics: list[Diagnostic
         )
     if highest <= 1:
         return 1.0
+    if highest > MAX_VALUE:
+        raise AsfmError(f"{where}: expected echo amplitudes up to {MAX_VALUE:g}, found {highest:.4g}: damaged pickles?")
     above_one = max(item.above_one for item in levels)
     if above_one <= MAX_CUT_SHARE and highest <= MAX_CUT_VALUE:
         message = (

@@ -18,6 +18,7 @@ from asfm.datasets.images import scale_to_unit
 from asfm.diagnostics import Diagnostic
 from asfm.errors import AsfmError
 from asfm.geometry.sonar import SonarModel
+from asfm.regular_file import check_inside, is_present
 from asfm.sequence import Sequence
 from asfm.types import BoolArray, FloatArray, Frame, ImageArray, Trajectory
 
@@ -58,6 +59,8 @@ def read_holoocean(path: Path) -> Sequence:
     if folders is None:
         raise AsfmError(f"{path}: expected Config.json and pickles (*.pkl) in it or in Data, found none")
     root, data = folders
+    check_inside(root, root / "Config.json", "a HoloOcean scenario")
+    check_inside(root, data, "a folder of pickles")
     scenario = read_scenario(root / "Config.json")
     diagnostics: list[Diagnostic] = []
     ticks = read_ticks(data, scenario, diagnostics)
@@ -108,7 +111,7 @@ def _check_shape(path: Path, name: str, found: tuple[int, ...], expected: tuple[
 def _find_folders(path: Path) -> tuple[Path, Path] | None:
     """Return the folder of Config.json and the folder of the pickles, or None where there are none."""
     for root, data in ((path, path / "Data"), (path, path), (path.resolve().parent, path)):
-        if (root / "Config.json").is_file() and data.is_dir() and next(data.glob("*.pkl"), None) is not None:
+        if is_present(root / "Config.json") and data.is_dir() and next(data.glob("*.pkl"), None) is not None:
             return root, data
     return None
 

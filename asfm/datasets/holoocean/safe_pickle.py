@@ -15,10 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from asfm.datasets.file_kinds import LFS_ADVICE, is_lfs_pointer
-from asfm.errors import AsfmError
+from asfm.datasets.holoocean.pickle_opcodes import PickleBoundsError, check_opcodes
+from asfm.errors import AsfmError, quote, shorten
+from asfm.file_kinds import SNIFFED_BYTES, name_kind
+from asfm.regular_file import read_file
 
-PLAIN_DTYPE = re.compile(r"[biufSU]\d{1,6}")
+MAX_BYTES = 256 << 20
+PLAIN_DTYPE = re.compile(r"b1|[iu][1248]|f[248]|[SU]\d{1,4}")
 """Allowed type codes: booleans, integers, floats and strings; no objects, records or dates."""
 BYTE_ORDERS = ("<", ">", "|", "=")
 
@@ -39,18 +42,19 @@ def load_pickle(path: Path) -> Any:
     Raises:
         AsfmError: the file cannot be read, is damaged, or asks for a class or function that is not allowed.
     """
+    content = read_file(path, "a pickle", MAX_BYTES)
+    kind = name_kind(content[:SNIFFED_BYTES])
+    if kind is not None:
+        raise AsfmError(f"{path}: expected a pickle, found {kind}")
     try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise AsfmError(f"{path}: cannot read the pickle: {error.strerror}") from None
-    if is_lfs_pointer(content):
-        raise AsfmError(f"{path}: expected a pickle, found {LFS_ADVICE}")
-    try:
+        check_opcodes(content)
         return _Unpickler(io.BytesIO(content)).load()
+    except PickleBoundsError as error:
+        raise AsfmError(f"{path}: {error}: no code was run") from None
     except _Refused as refusal:
         raise AsfmError(f"{path}: expected numpy arrays and plain values, found {refusal}: no code was run") from None
     except Exception as error:  # a damaged pickle raises almost anything
-        text = " ".join(str(error).split())[:120]
+        text = shorten(str(error))
         raise AsfmError(f"{path}: expected a pickle, found damaged bytes: {type(error).__name__} {text}") from None
 
 
@@ -76,7 +80,7 @@ class _Dtype:
 
     def __init__(self, code: Any, *_flags: Any) -> None:
         if not isinstance(code, str) or not PLAIN_DTYPE.fullmatch(code):
-            raise _Refused(f"an array of type {str(code)[:40]!r}")
+            raise _Refused(f"an array of type {quote(code)}")
         self._code, self._order = code, "="
 
     def __setstate__(self, state: Any) -> None:
@@ -106,7 +110,7 @@ def _decode(content: Any, dtype: Any, shape: Any, order: Any) -> NDArray[Any]:
         raise _Refused("an array without a proper shape")
     resolved = dtype.resolve()
     if resolved.itemsize == 0 or math.prod(shape) * resolved.itemsize != len(content):
-        raise _Refused(f"{len(content)} bytes for an array of shape {shape}")
+        raise _Refused(f"{len(content)} bytes for an array of shape {quote(shape)}")
     return np.frombuffer(content, dtype=resolved).reshape(shape, order="F" if order == "F" else "C")
 
 
@@ -153,4 +157,4 @@ class _Unpickler(pickle.Unpickler):
         try:
             return ALLOWED_GLOBALS[module_name, global_name]
         except KeyError:
-            raise _Refused(f"{module_name}.{global_name}"[:120]) from None
+            raise _Refused(shorten(f"{module_name[:99]}.{global_name[:99]}")) from None

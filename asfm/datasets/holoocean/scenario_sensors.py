@@ -3,7 +3,6 @@
 Recordings and the simulator read the same files: the choice of the imaging sonar and the checks are here.
 """
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,10 +11,13 @@ import numpy as np
 from pydantic import BaseModel, Field, ValidationError
 
 from asfm.datasets.native.sequence_yaml import explain
-from asfm.errors import AsfmError
+from asfm.errors import AsfmError, join_quoted, quote, shorten
 from asfm.geometry.poses import make_pose
+from asfm.safe_json import read_json
 from asfm.types import FloatArray
 
+MAX_NUMBER = 1e6
+"""No length, angle, rate or count of a scenario is larger, and no rate smaller than its inverse."""
 SONAR_TYPE = "ImagingSonar"
 POSE_TYPE = "PoseSensor"
 
@@ -23,7 +25,7 @@ POSE_TYPE = "PoseSensor"
 class _ScenarioFile(BaseModel):
     main_agent: Any = None
     agents: list[Any]
-    ds_factor: float = Field(1.0, gt=0, allow_inf_nan=False)
+    ds_factor: float = Field(1.0, ge=1e-6, le=1e6, allow_inf_nan=False)
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class Sensor:
     @property
     def kind(self) -> str:
         """HoloOcean's sensor_type."""
-        return str(self.settings.get("sensor_type"))
+        return shorten(str(self.settings.get("sensor_type"))[:200])
 
     @property
     def name(self) -> str:
@@ -83,10 +85,10 @@ class Sensor:
         value = self.settings.get(key, [0.0, 0.0, 0.0])
         try:
             triple = np.array(value, dtype=float)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             triple = np.empty(0)
-        if triple.shape != (3,) or not np.isfinite(triple).all():
-            raise AsfmError(f"{self.path}: expected three numbers in {self._owner} {key}, found {value!r}")
+        if triple.shape != (3,) or not (np.abs(triple) <= MAX_NUMBER).all():
+            raise AsfmError(f"{self.path}: expected three numbers in {self._owner} {key}, found {quote(value)}")
         return triple
 
 
@@ -116,25 +118,20 @@ def read_sensors(path: Path) -> ScenarioSensors:
     sensors = [Sensor(path, entry) for entry in entries]
     sonars = tuple(sensor for sensor in sensors if sensor.kind == SONAR_TYPE)
     if not sonars:
-        others = ", ".join(sorted({sensor.kind for sensor in sensors})) or "no sensors"
+        others = join_quoted(sorted({sensor.kind for sensor in sensors})) or "no sensors"
         raise AsfmError(f"{path}: expected a sensor_type of {SONAR_TYPE}, found {others}")
     pose_sensor = next((sensor for sensor in sensors if sensor.kind == POSE_TYPE), None)
     return ScenarioSensors(sonars, pose_sensor, file.ds_factor)
 
 
 def _load(path: Path) -> _ScenarioFile:
-    if path.is_dir():
-        raise AsfmError(f"{path}: expected a HoloOcean scenario, found a folder")
+    content = read_json(path, "a HoloOcean scenario")
     try:
-        return _ScenarioFile.model_validate(json.loads(path.read_text(encoding="utf-8-sig")))
+        return _ScenarioFile.model_validate(content)
     except ValidationError as error:
         is_scale = error.errors()[0]["loc"] == ("ds_factor",)
         where = str(path) if is_scale else f"{path}: expected a HoloOcean scenario with a list of agents"
         raise AsfmError(explain(error, where)) from None
-    except FileNotFoundError:
-        raise AsfmError(f"{path}: expected a HoloOcean scenario, found no file") from None
-    except (OSError, ValueError, RecursionError) as error:
-        raise AsfmError(f"{path}: cannot read a HoloOcean scenario: {' '.join(str(error).split())}") from None
 
 
 def check_number(value: Any, where: str, positive: bool = False) -> float:
@@ -143,8 +140,9 @@ def check_number(value: Any, where: str, positive: bool = False) -> float:
     Raises:
         AsfmError: it is something else; ``where`` begins the message.
     """
-    is_number = isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value)
-    if not is_number or value < 0 or (positive and value == 0):
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not is_number or not 0 <= value <= MAX_NUMBER or (positive and value < 1 / MAX_NUMBER):
         expected = "a number above zero" if positive else "a number of zero or more"
-        raise AsfmError(f"{where}: expected {expected}, found {value!r}")
+        expected += f", {MAX_NUMBER:g} at most" if is_number and MAX_NUMBER < value < float("inf") else ""
+        raise AsfmError(f"{where}: expected {expected}, found {quote(value)}")
     return float(value)

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,11 @@ from scipy.spatial.transform import Rotation
 from asfm.datasets.holoocean.config_json import Scenario
 from asfm.datasets.holoocean.pixel_scale import Levels, measure_levels
 from asfm.datasets.holoocean.safe_pickle import load_pickle
+from asfm.datasets.tables import MAX_POSITION_M
 from asfm.diagnostics import Diagnostic
-from asfm.errors import AsfmError
+from asfm.errors import AsfmError, quote, shorten
 from asfm.geometry.poses import make_pose
+from asfm.regular_file import check_inside
 from asfm.types import FloatArray
 
 ROTATION_TOLERANCE = 1e-3
@@ -51,6 +54,8 @@ def read_ticks(data: Path, scenario: Scenario, diagnostics: list[Diagnostic]) ->
     paths = sorted(data.glob("*.pkl"), key=_number_in_name)
     ticks = []
     for path in paths:
+        if path.is_symlink():
+            check_inside(data, path, "a pickle")
         state = load_state(path)
         if scenario.sonar_name not in state:
             continue
@@ -85,35 +90,43 @@ def read_image(path: Path, state: dict[Any, Any], name: str) -> Any:
     Raises:
         AsfmError: there is no such sensor, or its reading is no image.
     """
-    pixels = np.asarray(state.get(name))
+    pixels = _as_array(path, name, state.get(name))
     is_number = np.issubdtype(pixels.dtype, np.floating) or pixels.dtype == np.uint8
     if pixels.ndim != 2 or min(pixels.shape) < 2 or not is_number:
         raise AsfmError(
             f"{path}: expected {name} as (ranges, beams) of floats or uint8, "
-            f"found shape {pixels.shape} of {pixels.dtype}"
+            f"found shape {quote(pixels.shape)} of {shorten(str(pixels.dtype))}"
         )
     return pixels
 
 
-def _number_in_name(path: Path) -> tuple[int, str]:
+def _as_array(path: Path, name: str, value: Any) -> Any:
+    """Return a reading as an array; numbers in lists are accepted."""
+    try:
+        return np.asarray(value)
+    except (ValueError, OverflowError, TypeError):
+        raise AsfmError(f"{path}: expected {quote(name)[1:-1]} as an array, found lists of unequal lengths") from None
+
+
+def _number_in_name(path: Path) -> tuple[Decimal, str]:
     """Return a sort key that puts 2.pkl before 10.pkl: the numbers are not always padded."""
     numbers = re.findall(r"\d+", path.stem)
-    return int(numbers[-1]) if numbers else -1, path.name
+    return Decimal(numbers[-1]) if numbers else Decimal(-1), path.name
 
 
 def _read_time(path: Path, value: Any) -> float:
-    time_s = np.asarray(value)
+    time_s = _as_array(path, "t", value)
     if time_s.size != 1 or time_s.dtype.kind not in "iuf" or not np.isfinite(time_s).all():
-        raise AsfmError(f"{path}: expected one finite number of seconds as t, found {str(value)[:60]!r}")
+        raise AsfmError(f"{path}: expected one finite number of seconds as t, found {quote(value)}")
     return float(time_s.item())
 
 
 def _read_pose(path: Path, value: Any, scale: float) -> FloatArray:
     """Validate a pose (4, 4), and divide its translation by the scale of the scenario."""
-    pose = np.asarray(value)
-    if pose.shape != (4, 4) or pose.dtype.kind not in "iuf" or not np.isfinite(pose).all():
-        raise AsfmError(f"{path}: expected a finite 4 x 4 pose, found {' '.join(str(pose).split())[:80]}")
+    pose = _as_array(path, "a pose", value)
+    if pose.shape != (4, 4) or pose.dtype.kind not in "iuf" or not (np.abs(pose) <= MAX_POSITION_M).all():
+        raise AsfmError(f"{path}: expected a finite 4 x 4 pose, found {shorten(str(pose))}")
     rotation = pose[:3, :3].astype(np.float64)
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
-        raise AsfmError(f"{path}: expected a rotation in the pose, found {' '.join(str(rotation).split())[:120]}")
+        raise AsfmError(f"{path}: expected a rotation in the pose, found {shorten(str(rotation))}")
     return make_pose(pose[:3, 3].astype(np.float64) / scale, Rotation.from_matrix(rotation))

@@ -9,6 +9,7 @@ import numpy as np
 
 from asfm.datasets.images import check_png_shape, read_grey_png, read_png_shape, scale_to_unit
 from asfm.datasets.native.folder_contents import check_image_order, find_unused_files
+from asfm.datasets.native.image_paths import check_places, locate_images
 from asfm.datasets.native.sensor_files import check_coverage, read_hand_tracks, read_navigation, read_trajectory
 from asfm.datasets.native.sequence_yaml import SonarSettings, read_settings
 from asfm.datasets.native.truth import read_truth_file
@@ -16,6 +17,7 @@ from asfm.datasets.tables import check_increasing, parse_numbers, read_csv
 from asfm.diagnostics import Diagnostic
 from asfm.errors import AsfmError
 from asfm.geometry.sonar import SonarModel
+from asfm.regular_file import check_inside, is_present
 from asfm.sequence import Sequence
 from asfm.types import FloatArray, Frame, FrameTruth
 
@@ -37,7 +39,7 @@ class NativeFrames:
 
 def is_native(path: Path) -> bool:
     """Return whether a path is a native sequence folder."""
-    return (path / "sequence.yaml").is_file() or (path / "sequence.yaml").is_symlink()
+    return path.is_dir() and is_present(path / "sequence.yaml")
 
 
 def read_native(folder: Path) -> Sequence:
@@ -46,6 +48,7 @@ def read_native(folder: Path) -> Sequence:
     Raises:
         AsfmError: a file is missing or invalid; the message names the file, the row, what was expected and found.
     """
+    check_places(folder)
     settings = read_settings(folder / "sequence.yaml")
     frames, sonar, diagnostics = _locate_frames(folder, settings.sonar)
     timestamps_s = frames.timestamps_s
@@ -81,8 +84,9 @@ def open_native_truth(folder: Path) -> Callable[[int], FrameTruth] | None:
     Raises:
         AsfmError: as for :func:`read_native`; the function itself raises it for an invalid file of truth.
     """
-    if not (folder / "truth").is_dir():
+    if not is_present(folder / "truth"):
         return None
+    check_inside(folder, folder / "truth", "true elevations")
     return partial(_read_frame_truth, folder / "truth", locate_native_frames(folder))
 
 
@@ -165,8 +169,9 @@ def _locate_frames(folder: Path, settings: SonarSettings) -> tuple[NativeFrames,
 
 
 def _read_frame_truth(folder: Path, frames: NativeFrames, index: int) -> FrameTruth:
-    name = frames.images[index].with_suffix(".npz").name
-    return read_truth_file(folder / name, frames.shape, frames.descending)
+    path = folder / frames.images[index].with_suffix(".npz").name
+    check_inside(folder.parent, path, "the truth of a frame")
+    return read_truth_file(path, frames.shape, frames.descending)
 
 
 def _read_frames_table(
@@ -177,13 +182,11 @@ def _read_frames_table(
     columns, rows = read_csv(path, ("timestamp_s", "image"), ("invalid_mask",))
     timestamps_s = parse_numbers(path, rows, columns["timestamp_s"], "timestamp_s")
     check_increasing(path, rows, timestamps_s)
+    images = [image for image in locate_images(path, rows, columns["image"]) if image is not None]
     for line, cells in rows:
         if not cells[columns["image"]]:
             raise AsfmError(f"{path}, line {line}: expected the name of an image, found an empty cell")
-    images = tuple(folder / cells[columns["image"]] for _, cells in rows)
     remarks = check_image_order(path, rows, columns["image"])
     mask_column = columns.get("invalid_mask")
-    if mask_column is None:
-        return timestamps_s, images, (None,) * len(images), remarks
-    names = (cells[mask_column] for _, cells in rows)
-    return timestamps_s, images, tuple(folder / name if name else None for name in names), remarks
+    masks = [None] * len(images) if mask_column is None else locate_images(path, rows, mask_column)
+    return timestamps_s, tuple(images), tuple(masks), remarks

@@ -3,9 +3,17 @@
 from pathlib import Path
 
 from asfm.datasets.tables import check_increasing, parse_integers, parse_numbers, read_csv, read_tum
-from asfm.datasets.value_bounds import MAX_BEARING_RAD, MAX_PITCH_RAD, MAX_ROLL_RAD, check_angles, check_stamps
+from asfm.datasets.value_bounds import (
+    MAX_BEARING_RAD,
+    MAX_PITCH_RAD,
+    MAX_ROLL_RAD,
+    check_angles,
+    check_lengths,
+    check_stamps,
+)
 from asfm.diagnostics import Diagnostic, frame_runs
 from asfm.errors import AsfmError
+from asfm.regular_file import is_present
 from asfm.types import FloatArray, HandTracks, Navigation, Trajectory
 
 COVERAGE_TOLERANCE_S = 1e-3
@@ -37,20 +45,6 @@ def check_coverage(path: Path, timestamps_s: FloatArray, frames_s: FloatArray) -
     return [Diagnostic("partial-sensor-coverage", message, frame_runs(outside))]
 
 
-def is_present(path: Path) -> bool:
-    """Return whether an optional file is there.
-
-    Raises:
-        AsfmError: it is a link that points nowhere.
-    """
-    if path.is_symlink() and not path.exists():
-        raise AsfmError(
-            f"{path}: expected a file, found a link to {str(path.readlink())[:80]}, which is missing: "
-            "mend the link or remove it"
-        )
-    return path.exists()
-
-
 def read_trajectory(path: Path) -> Trajectory | None:
     """Read a trajectory in the TUM format, or return None where there is no file.
 
@@ -73,6 +67,7 @@ def read_navigation(path: Path) -> Navigation | None:
     timestamps_s, z_m, roll_rad, pitch_rad = (parse_numbers(path, rows, columns[name], name) for name in names)
     check_increasing(path, rows, timestamps_s)
     lines = [line for line, _ in rows]
+    check_lengths(path, lines, z_m, "z_m")
     check_angles(path, lines, pitch_rad, "pitch_rad", MAX_PITCH_RAD)
     check_angles(path, lines, roll_rad, "roll_rad", MAX_ROLL_RAD)
     return Navigation(timestamps_s, z_m, roll_rad, pitch_rad)
@@ -92,6 +87,7 @@ def read_hand_tracks(path: Path) -> HandTracks | None:
     )
     lines = [line for line, _ in rows]
     check_stamps(path, timestamps_s, lines)
+    check_lengths(path, lines, range_m, "range_m")
     check_angles(path, lines, bearing_rad, "bearing_rad", MAX_BEARING_RAD)
     landmark = parse_integers(path, rows, columns["landmark"], "landmark")
     return HandTracks(timestamps_s, landmark, range_m, bearing_rad)

@@ -1,19 +1,22 @@
 """Schema of sequence.yaml in the native folder: keys, units, defaults and bounds."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from asfm.datasets.file_kinds import LFS_ADVICE, is_lfs_pointer
-from asfm.errors import AsfmError
+from asfm.errors import AsfmError, quote, shorten
 from asfm.geometry.poses import pose_from_tum, tum_from_pose
+from asfm.safe_yaml import read_yaml
 from asfm.types import FloatArray, SensorNoise
 
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Sigma = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Metres = Annotated[float, Field(ge=-1e5, le=1e5, allow_inf_nan=False)]
+"""Rays and ranges beyond 100 km are in another unit."""
+Unit = Annotated[float, Field(ge=-2, le=2, allow_inf_nan=False)]
+Sigma = Annotated[float, Field(ge=1e-9, le=1e6, allow_inf_nan=False)]
+MIN_SPAN_M, MIN_STEP_DEG = 1e-3, 1e-6
+MAX_BEAMS = 100_000
 Degrees = Annotated[float, Field(ge=-180, le=180)]
 
 
@@ -26,29 +29,30 @@ class StrictModel(BaseModel):
 class SonarSettings(StrictModel):
     """The sonar's pixel grid."""
 
-    name: str = "unnamed sonar"
-    range_m: tuple[Number, Number]
+    name: str = Field(default="unnamed sonar", max_length=200)
+    range_m: tuple[Metres, Metres]
     """Near edge of row 0, far edge of the last row."""
     bearing_deg: tuple[Degrees, Degrees] | None = None
     """Outer edge of the first column, of the last column."""
-    bearings_deg: tuple[Degrees, ...] | None = None
+    bearings_deg: tuple[Degrees, ...] | None = Field(default=None, max_length=MAX_BEAMS)
     """Centre of every column, where the beams are unevenly spaced."""
-    elevation_aperture_deg: float = Field(gt=0, le=180)
-    decibel_span: float | None = Field(default=None, gt=0)
+    elevation_aperture_deg: float = Field(ge=1e-3, le=180)
+    decibel_span: float | None = Field(default=None, ge=1e-3, le=1000)
     """Decibels from black to white, where the images are logarithmic."""
 
     @model_validator(mode="after")
     def _check_edges(self) -> "SonarSettings":
         near, far = self.range_m
-        if not 0 <= near < far:
-            raise ValueError(f"expected range_m: [near, far] with 0 <= near < far, found {[near, far]}")
+        if not (near >= 0 and far - near >= MIN_SPAN_M):
+            bounds = f"0 <= near < far, {MIN_SPAN_M:g} m apart at least"
+            raise ValueError(f"expected range_m: [near, far] with {bounds}, found {[near, far]}")
         if (self.bearing_deg is None) == (self.bearings_deg is None):
             raise ValueError("expected either bearing_deg (two outer edges) or bearings_deg (one a column)")
-        if self.bearing_deg is not None and self.bearing_deg[0] == self.bearing_deg[1]:
+        if self.bearing_deg is not None and abs(self.bearing_deg[0] - self.bearing_deg[1]) < MIN_STEP_DEG:
             raise ValueError(f"expected two different bearing_deg, found {list(self.bearing_deg)}")
         if self.bearings_deg is not None:
             steps = np.diff(self.bearings_deg)
-            if len(steps) == 0 or not (np.all(steps > 0) or np.all(steps < 0)):
+            if len(steps) == 0 or not (np.all(steps > MIN_STEP_DEG) or np.all(steps < -MIN_STEP_DEG)):
                 raise ValueError("expected two or more bearings_deg that all increase or all decrease")
         return self
 
@@ -56,8 +60,8 @@ class SonarSettings(StrictModel):
 class MountSettings(StrictModel):
     """Mounting of the sonar: vehicle_from_sonar."""
 
-    translation_m: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
-    quaternion_xyzw: tuple[Number, Number, Number, Number] = (0.0, 0.0, 0.0, 1.0)
+    translation_m: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
+    quaternion_xyzw: tuple[Unit, Unit, Unit, Unit] = (0.0, 0.0, 0.0, 1.0)
 
     @model_validator(mode="after")
     def _check_rotation(self) -> "MountSettings":
@@ -135,13 +139,7 @@ def read_settings(path: Path) -> SequenceSettings:
     Raises:
         AsfmError: the file cannot be read, or a key is missing or unknown, or a value out of bounds.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-        if is_lfs_pointer(text[:80].encode()):
-            raise AsfmError(f"{path}: expected the settings, found {LFS_ADVICE}")
-        settings: Any = yaml.safe_load(text)
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        raise AsfmError(f"{path}: cannot read the settings: {' '.join(str(error).split())}") from None
+    settings = read_yaml(path, "the settings")
     try:
         return SequenceSettings.model_validate({} if settings is None else settings)
     except ValidationError as error:
@@ -150,13 +148,13 @@ def read_settings(path: Path) -> SequenceSettings:
 
 def explain(error: ValidationError, where: str) -> str:
     """Return one line that names the first invalid key and the reason; ``where`` names the file."""
-    first = error.errors()[0]
+    first = error.errors(include_url=False, include_context=False)[0]
     name = ".".join(str(part) for part in first["loc"]) or "the file"
     if first["type"] == "extra_forbidden":
-        return f"{where}: unknown key {name!r}: remove it or correct its name"
+        return f"{where}: unknown key {quote(name)}: remove it or correct its name"
     if first["type"] == "missing":
         return f"{where}: expected the key {name!r}, found none"
+    name = shorten(name)
     if first["type"] == "value_error":
-        return f"{where}: {name}: {first['msg'].removeprefix('Value error, ')}"
-    found = repr(first["input"])
-    return f"{where}: {name}: {first['msg']}, found {found if len(found) < 80 else found[:77] + '...'}"
+        return f"{where}: {name}: {shorten(first['msg'].removeprefix('Value error, '), 200)}"
+    return f"{where}: {name}: {shorten(first['msg'], 200)}, found {quote(first['input'])}"

@@ -1,6 +1,5 @@
 """True elevations and noise-free images of simulated frames: truth/NNNNNN.npz in the native folder."""
 
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from asfm.datasets.images import Bits, quantise, scale_to_unit
-from asfm.errors import AsfmError
+from asfm.datasets.npz_file import read_arrays
 from asfm.types import FrameTruth, ImageArray
 
 
@@ -26,14 +25,8 @@ def read_truth_file(path: Path, shape: tuple[int, int], descending: bool) -> Fra
     Raises:
         AsfmError: the file is missing or damaged, or an array is missing, not numeric or of another shape.
     """
-    try:
-        with np.load(path, allow_pickle=False) as arrays:
-            elevation_rad = _read_array(path, arrays, "elevation_rad", shape).astype(np.float64)
-            clean = _unit_image(_read_array(path, arrays, "clean", shape))
-    except FileNotFoundError:
-        raise AsfmError(f"{path}: expected the truth of a frame, found none") from None
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise AsfmError(f"{path}: expected an .npz with elevation_rad and clean, found: {error}") from None
+    arrays = read_arrays(path, ("elevation_rad", "clean"), shape, "the truth of a frame")
+    elevation_rad, clean = arrays[0].astype(np.float64), _unit_image(arrays[1])
     if descending:
         elevation_rad, clean = np.ascontiguousarray(elevation_rad[:, ::-1]), np.ascontiguousarray(clean[:, ::-1])
     return FrameTruth(elevation_rad, clean)
@@ -46,17 +39,6 @@ def write_truth_file(path: Path, truth: FrameTruth, bits: Bits) -> None:
         elevation_rad=np.asarray(truth.elevation_rad, dtype=np.float32),
         clean=quantise(truth.clean, bits),
     )
-
-
-def _read_array(path: Path, arrays: Any, name: str, shape: tuple[int, int]) -> NDArray[Any]:
-    if name not in arrays:
-        raise AsfmError(f"{path}: expected an array {name}, found {', '.join(arrays) or 'none'}")
-    array = np.asarray(arrays[name])
-    if array.shape != shape:
-        raise AsfmError(f"{path}: expected {name} of shape {shape} (ranges, beams), found {array.shape}")
-    if not (np.issubdtype(array.dtype, np.floating) or np.issubdtype(array.dtype, np.unsignedinteger)):
-        raise AsfmError(f"{path}: expected {name} to hold numbers, found {array.dtype}")
-    return array
 
 
 def _unit_image(clean: NDArray[Any]) -> ImageArray:

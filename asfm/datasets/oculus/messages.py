@@ -7,6 +7,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from asfm.errors import AsfmError
+from asfm.regular_file import check_file, open_file
 
 OCULUS_ID = 0x4F53
 SIMPLE_PING_RESULT = 0x23
@@ -19,6 +20,8 @@ MAX_RANGES, MAX_BEAMS = 100_000, 10_000
 SAMPLE_TYPES: dict[int, np.dtype[Any]] = {0: np.dtype("u1"), 1: np.dtype("<u2"), 3: np.dtype("<u4")}
 """Type of a sample by the header's data_size."""
 MIN_RANGE_STEP_M, MAX_RANGE_STEP_M = 1e-5, 10
+MIN_GAMMA_CODE = 13
+"""Sonars send 127; a twentieth of 255 already takes a grey value to its twentieth power."""
 MAX_BEARING_CENTIDEG = 9000
 
 
@@ -102,10 +105,10 @@ def find_pings(path: Path) -> tuple[Ping, ...]:
     Raises:
         AsfmError: the file is cut off, holds other bytes between messages, holds no ping, or a header is damaged.
     """
-    size = path.stat().st_size
+    size = check_file(path, "an Oculus recording")
     pings: list[Ping] = []
     start = 0
-    with path.open("rb") as file:
+    with open_file(path, "an Oculus recording") as file:
         while start < size:
             head = _read_bytes(file, start, MESSAGE_HEADER_BYTES)
             if len(head) == MESSAGE_HEADER_BYTES and not is_message(head):
@@ -139,6 +142,9 @@ def _read_ping(file: BinaryIO, where: str, start: int, end: int) -> Ping:
         raise AsfmError(f"{where}: expected at least 2 ranges x 2 beams, found {ranges} x {beams}")
     if header["data_size"] not in SAMPLE_TYPES:
         raise AsfmError(f"{where}: expected samples of 8, 16 or 32 bits (0, 1, 3), found {header['data_size']}")
+    if 0 < header["gamma_code"] < MIN_GAMMA_CODE:
+        found = int(header["gamma_code"])
+        raise AsfmError(f"{where}: expected a gamma of {MIN_GAMMA_CODE}..255 (of 255), or 0 for none, found {found}")
     if not MIN_RANGE_STEP_M < step_m < MAX_RANGE_STEP_M:
         raise AsfmError(f"{where}: expected a range resolution of 0.00001..10 m, found {step_m} m")
     ping = Ping(

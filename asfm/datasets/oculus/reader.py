@@ -16,6 +16,7 @@ from asfm.datasets.oculus.messages import HIGH_FREQUENCY, LOW_FREQUENCY, Ping, f
 from asfm.diagnostics import Diagnostic
 from asfm.errors import AsfmError
 from asfm.geometry.sonar import SonarModel
+from asfm.regular_file import is_regular, open_file
 from asfm.sequence import Sequence
 from asfm.types import FloatArray, Frame, ImageArray
 
@@ -44,9 +45,9 @@ class OculusPings:
 
 def is_oculus(path: Path) -> bool:
     """Return whether a path is an Oculus recording, by its first message."""
-    if not path.is_file():
+    if not is_regular(path):
         return False
-    with path.open("rb") as file:
+    with open_file(path, "an Oculus recording") as file:
         return is_message(file.read(16))
 
 
@@ -112,7 +113,7 @@ def _make_sonar(ping: Ping, elevation_aperture_deg: float | None) -> SonarModel:
 
 def _read_amplitudes(path: Path, index: int, ping: Ping) -> FloatArray:
     """Read (ranges, beams) amplitudes in the file's order of beams, with row gains and gamma removed."""
-    with path.open("rb") as file:
+    with open_file(path, "an Oculus recording") as file:
         file.seek(ping.image_start)
         content = file.read(ping.image_bytes)
     if len(content) < ping.image_bytes:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from asfm.errors import AsfmError
+from asfm.regular_file import is_present
 from asfm.simulation.scenes.hull import make_hull
 from asfm.simulation.scenes.mesh_file import read_mesh
 from asfm.simulation.scenes.pier import make_pier
@@ -83,6 +84,6 @@ def find_scene(name: str) -> SceneEntry | MeshEntry:
     if name in SCENES:
         return SCENES[name]
     path = Path(name)
-    if path.suffix or path.exists():
+    if path.suffix or is_present(path):
         return MeshEntry(path)
     raise AsfmError(f"unknown scene {name!r}; known: {', '.join(SCENES)}, or a mesh file")

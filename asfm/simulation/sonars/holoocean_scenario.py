@@ -13,7 +13,7 @@ import numpy as np
 
 from asfm.datasets.holoocean.scenario_sensors import check_number, read_sensors
 from asfm.diagnostics import Diagnostic
-from asfm.errors import AsfmError
+from asfm.errors import AsfmError, quote, shorten
 from asfm.simulation.sonars.parameters import MAX_CELLS, ImagingSonar, parse_sonar
 from asfm.types import FloatArray
 
@@ -72,7 +72,7 @@ def read_mounted_sonar(path: Path) -> MountedSonar:
     if sensor.rate_hz is not None:
         settings["rate_hz"] = sensor.rate_hz
     if "name" not in settings:
-        settings["name"] = str(sensor.settings.get("sensor_name") or DEFAULT_NAME)
+        settings["name"] = shorten(str(sensor.settings.get("sensor_name") or DEFAULT_NAME)[:200])
     return MountedSonar(parse_sonar(settings, str(path)), sensor.vehicle_from_sensor, tuple(diagnostics))
 
 
@@ -100,12 +100,12 @@ def _convert_noise(path: Path, settings: dict[str, Any]) -> None:
         sigma = check_number(settings["MultSigma"], f"{path}: MultSigma")
         if sigma > 1 / CONTRAST_PER_MULT_SIGMA:
             raise AsfmError(
-                f"{path}: MultSigma: expected 0.5 at most, where speckle is as strong as echoes, found {sigma}"
+                f"{path}: MultSigma: expected 0.5 at most, where speckle is as strong as echoes, found {sigma:g}"
             )
         settings["MultSigma"] = CONTRAST_PER_MULT_SIGMA * sigma
     for switch in ("ScaleNoise", "MultiPath"):
         if switch in settings and settings[switch] not in (0, 1):  # also False and True
-            raise AsfmError(f"{path}: {switch}: expected true or false, found {settings[switch]!r}")
+            raise AsfmError(f"{path}: {switch}: expected true or false, found {quote(settings[switch])}")
     if settings.pop("ScaleNoise", False):
         settings.setdefault("noise_range_exponent", SCALED_NOISE_EXPONENT)
 

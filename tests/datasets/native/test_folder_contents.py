@@ -85,7 +85,7 @@ def test_opening_names_what_was_not_used(folder: Path) -> None:
 def test_a_link_that_points_nowhere_is_refused(folder: Path, name: str) -> None:
     (folder / name).unlink()
     (folder / name).symlink_to("gone.tum")
-    with pytest.raises(AsfmError, match=rf"{name}: expected a file, found a link to gone\.tum, which is missing"):
+    with pytest.raises(AsfmError, match=rf"{name}: expected a table, found a link to 'gone\.tum', which is missing"):
         read_native(folder)
 
 

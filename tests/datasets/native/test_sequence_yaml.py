@@ -83,7 +83,10 @@ def test_noise_survives_its_settings(noise: SensorNoise) -> None:
     [
         ("colour: red\n", r"unknown key 'colour': remove it or correct its name"),
         ("noise: {odometry: {drift: 1}}\n", r"unknown key 'noise\.odometry\.drift'"),
-        ("noise: {odometry: {rotation_deg: 0}}\n", r"noise\.odometry\.rotation_deg: .*greater than 0, found 0"),
+        (
+            "noise: {odometry: {rotation_deg: 0}}\n",
+            r"noise\.odometry\.rotation_deg: .*equal to 0.000000001, found 0",
+        ),
         ("noise: {navigation: {z_m: .inf}}\n", r"noise\.navigation\.z_m: .*finite"),
         ("vehicle_from_sonar: {quaternion_xyzw: [0, 0, 0, 0]}\n", r"expected a unit quaternion, found \[0\.0"),
         ("vehicle_from_sonar: {translation_m: [1, 2]}\n", r"vehicle_from_sonar\.translation_m"),

@@ -118,6 +118,7 @@ GOOD = pack_ping()
         ((GOOD, pack_ping(np.zeros((7, BEAMS)))), r"frame 1: expected ranges x beams \(6, 5\) .*found \(7, 5\): split"),
         ((GOOD, pack_ping(version=2)), r"frame 1: expected message version 1 as in frame 0, found 2: split"),
         ((GOOD, pack_ping(mode=1)), r"frame 1: expected frequency mode 2 as in frame 0, found 1"),
+        ((pack_ping(gamma=1),), r"frame 0: expected a gamma of 13\.\.255 \(of 255\), or 0 for none, found 1"),
         ((GOOD, pack_ping(gamma=127)), r"frame 1: expected gamma 1\.0 as in frame 0, found 0\.498: split"),
         ((GOOD, pack_ping(data_size=1)), r"frame 1: expected bits per sample 8 as in frame 0, found 16"),
         ((GOOD, pack_ping(step_m=0.5)), r"frame 1: expected range resolution 0\.25 m as in frame 0, found 0\.5 m"),

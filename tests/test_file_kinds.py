@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from asfm.datasets import open_sequence
-from asfm.datasets.file_kinds import is_lfs_pointer, name_kind
 from asfm.datasets.images import read_png_shape
 from asfm.datasets.native.writer import write_native
 from asfm.errors import AsfmError
+from asfm.file_kinds import is_lfs_pointer, name_kind
 from tests.datasets.holoocean_files import make_state, write_folder
 from tests.datasets.sequences import make_sequence
 
