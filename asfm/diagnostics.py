@@ -51,6 +51,11 @@ CODES = {
     "unobserved-directions": "no measurement but the steps constrains some directions of the motion",
     "position-uncertainty": "the position is too uncertain to be trusted from some frame on",
     "mirror-ambiguity": "the scene and its mirror image explain the measurements equally well",
+    "odometry-inconsistent": "the result differs from the odometry by more than its stated noise",
+    "depth-inconsistent": "the result differs from the depth readings by more than their stated noise",
+    "attitude-inconsistent": "the result differs from the attitude readings by more than their stated noise",
+    "images-inconsistent": "the result differs from what the images show by more than the noise of features",
+    "calibration-inconsistent": "images and other sensors fit together only with another calibration than stated",
     "estimated-lever-rotation": "the rotation of the sonar's mounting was estimated, as requested",
     "estimated-range-bias": "a constant range bias was estimated, as requested",
     # evaluation

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from asfm.consistency import Consistency
 from asfm.diagnostics import Diagnostic
 
 FloatArray = NDArray[np.float64]
@@ -265,6 +266,8 @@ class Reconstruction:
     """(N, 6, 6) marginal covariance of each pose: rotation in rad and translation in m, in the vehicle's frame."""
     diagnostics: tuple[Diagnostic, ...]
     """Empty when all went well."""
+    consistency: Consistency = field(default_factory=Consistency)
+    """Residuals over stated noise, and scores of the calibration."""
 
 
 @dataclass(frozen=True)

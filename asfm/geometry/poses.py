@@ -93,6 +93,23 @@ def wrap_angle(angle_rad: FloatArray) -> FloatArray:
     return np.asarray(np.remainder(angle_rad + np.pi, 2 * np.pi) - np.pi)
 
 
+def cross_matrix(vector: FloatArray) -> FloatArray:
+    """Return the (..., 3, 3) matrices that multiply like the cross product with (..., 3) vectors."""
+    x, y, z = np.moveaxis(vector, -1, 0)
+    zero = np.zeros_like(x)
+    rows = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1)
+    return np.asarray(rows.reshape(*zero.shape, 3, 3))
+
+
+def adjoint(pose: FloatArray) -> FloatArray:
+    """Return the adjoint of poses, rotation first as in GTSAM: (..., 6, 6) of (..., 4, 4)."""
+    rotation = pose[..., :3, :3]
+    matrix = np.zeros((*pose.shape[:-2], 6, 6))
+    matrix[..., :3, :3] = matrix[..., 3:, 3:] = rotation
+    matrix[..., 3:, :3] = cross_matrix(pose[..., :3, 3]) @ rotation
+    return matrix
+
+
 def pose_log(pose: FloatArray) -> FloatArray:
     """Return the SE(3) logarithm (..., 6) of (..., 4, 4) transforms: rotation in rad, then translation part in m.
 

@@ -2,10 +2,16 @@
 
 from asfm.backend.ambiguity.mirror_ambiguity import find_mirror, inflate_for_mirror, warn_of_mirror
 from asfm.backend.diagnostics.connectivity import warn_of_disconnected_steps
+from asfm.backend.diagnostics.inconsistency import (
+    measure_consistency,
+    warn_of_inconsistency,
+    withdraw_well_constrained,
+)
 from asfm.backend.diagnostics.observability import SPAN, warn_of_unreliable_poses
 from asfm.backend.estimation.landmarks import describe_landmarks
 from asfm.backend.estimation.solution import Solution
 from asfm.backend.graph.marginal_covariance import measure_uncertainty
+from asfm.backend.graph.schur_complement import marginalise_points
 from asfm.config import Config
 from asfm.diagnostics import Diagnostic
 from asfm.sequence import Sequence
@@ -30,12 +36,13 @@ def summarise(
         diagnostics: those found before; the solution's own are added.
     """
     with clock.stage("landmarks") as report:
-        uncertainty = measure_uncertainty(
-            solution.bundle, solution.elevation_information_ratio, min(SPAN, len(sequence) - 1)
-        )
+        span, information = min(SPAN, len(sequence) - 1), marginalise_points(solution.bundle)
+        uncertainty = measure_uncertainty(solution.bundle, solution.elevation_information_ratio, span, information)
+        consistency = measure_consistency(solution, sequence.timestamps_s, information)
         mirror = find_mirror(solution, config.backend.scene)
         stated = inflate_for_mirror(uncertainty, solution, mirror)
         landmarks = describe_landmarks(solution, stated.point_m2, sequence, config)
+        landmarks = withdraw_well_constrained(landmarks, consistency)
         report.counts = {"landmarks": len(landmarks), "well constrained": int(landmarks.well_constrained.sum())}
     return Reconstruction(
         trajectory=Trajectory(sequence.timestamps_s, solution.bundle.world_from_vehicle),
@@ -48,5 +55,7 @@ def summarise(
             *warn_of_disconnected_steps(sequence, solution, config),
             *warn_of_mirror(uncertainty, solution.bundle, mirror),
             *warn_of_unreliable_poses(solution, uncertainty),
+            *warn_of_inconsistency(consistency),
         ),
+        consistency=consistency,
     )

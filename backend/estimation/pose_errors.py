@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from asfm.geometry.poses import invert, transform
+from asfm.geometry.poses import cross_matrix, invert, transform
 from asfm.geometry.sonar import project_jacobian
 from asfm.types import BoolArray, FloatArray, Tracks
 
@@ -34,7 +34,7 @@ def remove_pose_errors(
     frame = tracks.frame[observed]
     in_sonar = transform(invert(world_from_sonar)[frame], xyz_m[tracks.track[observed]])
     by_point = project_jacobian(in_sonar)[:, :2]
-    jacobian = np.concatenate([by_point @ _rotation_jacobian(in_sonar), by_point], axis=2) / sigma[observed][..., None]
+    jacobian = np.concatenate([by_point @ -cross_matrix(in_sonar), by_point], axis=2) / sigma[observed][..., None]
     information, gradient = np.zeros((len(world_from_sonar), 6, 6)), np.zeros((len(world_from_sonar), 6))
     np.add.at(information, frame, np.einsum("oki,okj->oij", jacobian, jacobian))
     np.add.at(gradient, frame, np.einsum("oki,ok->oi", jacobian, residual[observed]))
@@ -44,10 +44,3 @@ def remove_pose_errors(
     remaining = residual.copy()
     remaining[observed] -= np.einsum("oki,oi->ok", jacobian, motion[frame])
     return remaining
-
-
-def _rotation_jacobian(xyz_m: FloatArray) -> FloatArray:
-    """Return the (O, 3, 3) derivative of (O, 3) rotated points by a small rotation vector: minus the cross matrix."""
-    x, y, z = xyz_m.T
-    zero = np.zeros_like(x)
-    return np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=1).reshape(-1, 3, 3)

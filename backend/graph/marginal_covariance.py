@@ -7,7 +7,7 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from asfm.backend.graph.bundle_adjustment import Bundle
 from asfm.backend.graph.schur_complement import PoseInformation, marginalise_points, point_information
-from asfm.geometry.poses import invert
+from asfm.geometry.poses import adjoint, invert
 from asfm.types import FloatArray, IntArray
 
 FRAMES_PER_BLOCK = 64
@@ -26,7 +26,12 @@ class Uncertainty:
     """(T, 3, 3) in the world frame; infinite where the track has no factor."""
 
 
-def measure_uncertainty(bundle: Bundle, elevation_information_ratio: FloatArray, span: int = 1) -> Uncertainty:
+def measure_uncertainty(
+    bundle: Bundle,
+    elevation_information_ratio: FloatArray,
+    span: int = 1,
+    information: PoseInformation | None = None,
+) -> Uncertainty:
     """Compute marginal covariances by inverting the information of the poses, a block of frames at a time.
 
     With point information H_pp and gain G = d(point)/d(pose), a point has the covariance H_pp^-1 + G C G', where C is
@@ -39,8 +44,9 @@ def measure_uncertainty(bundle: Bundle, elevation_information_ratio: FloatArray,
         elevation_information_ratio: (T,) ratio of the information that a track's observations have on its point to
             that stated in the graph.
         span: S, distance in frames of the poses whose relative motion is evaluated.
+        information: that of the bundle, where it is known already.
     """
-    information = marginalise_points(bundle)
+    information = information or marginalise_points(bundle)
     columns = information.first_column[:, None] + np.arange(6)
     factor, count = splu(information.poses), len(columns)
     pose, cross = np.empty((count, 6, 6)), np.empty((max(count - span, 0), 6, 6))
@@ -104,19 +110,8 @@ def _relative_motion_covariance(
         (N - S, 6, 6)
     """
     first = pose[: len(cross)]
-    adjoint = _adjoint(invert(world_from_vehicle[span:]) @ world_from_vehicle[: len(cross)])
-    transposed = np.swapaxes(adjoint, 1, 2)
+    change = adjoint(invert(world_from_vehicle[span:]) @ world_from_vehicle[: len(cross)])
+    transposed = np.swapaxes(change, 1, 2)
     mixed = cross @ transposed
-    motion = pose[span:] + adjoint @ first @ transposed - mixed - np.swapaxes(mixed, 1, 2)
+    motion = pose[span:] + change @ first @ transposed - mixed - np.swapaxes(mixed, 1, 2)
     return np.asarray((motion + np.swapaxes(motion, 1, 2)) / 2)
-
-
-def _adjoint(pose: FloatArray) -> FloatArray:
-    """Compute the adjoint of poses, rotation first as in GTSAM: (..., 6, 6) of (..., 4, 4)."""
-    rotation, (x, y, z) = pose[..., :3, :3], np.moveaxis(pose[..., :3, 3], -1, 0)
-    zero = np.zeros_like(x)
-    skew = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*zero.shape, 3, 3)
-    adjoint = np.zeros((*zero.shape, 6, 6))
-    adjoint[..., :3, :3] = adjoint[..., 3:, 3:] = rotation
-    adjoint[..., 3:, :3] = skew @ rotation
-    return adjoint

@@ -1,5 +1,6 @@
 """Summary: covariances that include the mirror image, and the diagnostics of every check."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -24,7 +25,11 @@ def test_covariances_state_the_mirror_image_and_every_check_is_heard(
     bundle = SimpleNamespace(world_from_vehicle=np.zeros((len(sequence), 4, 4)))
     solution: Any = SimpleNamespace(bundle=bundle, tracks="tracks", observed="used", elevation_information_ratio=ratio)
     within = SimpleNamespace(pose="within one image", point_m2="within one image")
+    informed = stub("marginalise_points", "information")
     measured = stub("measure_uncertainty", within)
+    compared = stub("measure_consistency", "consistency")
+    contradicted = stub("warn_of_inconsistency", ("inconsistent",))
+    withdrawn = stub("withdraw_well_constrained", lambda given, _: replace(given, well_constrained=given.views > 99))
     mirrors = stub("find_mirror", "mirror")
     inflated = stub("inflate_for_mirror", SimpleNamespace(pose="over both images", point_m2="of both images"))
     described = stub("describe_landmarks", landmarks)
@@ -34,12 +39,23 @@ def test_covariances_state_the_mirror_image_and_every_check_is_heard(
     clock, config = StageClock(), Config.model_validate({"backend": {"scene": scene}})
     before: Any = ("found before",)
     found: Any = summarise(sequence, solution, config, clock, before)
-    assert measured == [(bundle, ratio, SPAN)]
+    assert informed == [(bundle,)] and measured == [(bundle, ratio, SPAN, "information")]
+    assert compared == [(solution, sequence.timestamps_s, "information")] and contradicted == [("consistency",)]
+    assert withdrawn == [(landmarks, "consistency")] and found.consistency == "consistency"
     assert mirrors == [(solution, scene)]
     assert inflated == [(within, solution, "mirror")]
     assert described[0][1] == "of both images" and found.pose_covariance == "over both images"
     assert mirror_warnings == [(within, bundle, "mirror")] and unreliable == [(solution, within)]
-    assert found.diagnostics == ("found before", "disconnected", "mirror ambiguity", "unobserved", "uncertain")
-    assert found.landmarks is landmarks and found.trajectory.world_from_vehicle is bundle.world_from_vehicle
+    assert found.diagnostics == (
+        "found before",
+        "disconnected",
+        "mirror ambiguity",
+        "unobserved",
+        "uncertain",
+        "inconsistent",
+    )
+    assert (
+        not found.landmarks.well_constrained.any() and found.trajectory.world_from_vehicle is bundle.world_from_vehicle
+    )
     assert found.tracks == "tracks" and found.observed == "used"
-    assert clock.reports[0].counts == {"landmarks": 5, "well constrained": 2}
+    assert clock.reports[0].counts == {"landmarks": 5, "well constrained": 0}
