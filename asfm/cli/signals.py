@@ -32,6 +32,12 @@ def catch_signals(handle: Callable[[int], None]) -> None:
             signal.signal(number, call)
 
 
+def ignore_signals() -> None:
+    """Ignore the signals from now on."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+
+
 def raise_at_first_signal() -> None:
     """Raise Stopped in the main thread at the first signal; further ones must not disturb the cleaning up."""
     received: list[int] = []

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from asfm import __version__, atomic_folder
 from asfm.cli.memory import has_memory_limit
-from asfm.cli.signals import catch_signals, raise_at_first_signal
+from asfm.cli.signals import catch_signals, ignore_signals, raise_at_first_signal
 from asfm.cli.terminal import print_error, silence_libraries
 
 ORDERLY_END_S = 4
@@ -47,6 +47,8 @@ def supervise(work: Callable[[], int]) -> int:
     os.close(sink)
     received = _forward_signals(child)
     status = _wait(child)
+    if received:
+        ignore_signals()  # the work has ended: a later signal must not change the exit code
     folders, code = _read_told(source)
     for folder in folders:
         atomic_folder.remove_partial(folder)

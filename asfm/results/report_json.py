@@ -68,7 +68,7 @@ def read_report(folder: Path) -> dict[str, Any]:
         raise AsfmError(f"{path}: expected a report of asfm run, found no sequence in it")
     if not isinstance(report["sequence"].get("path"), str):
         raise AsfmError(f"{path}: expected the sequence's path in it, found none")
-    if not report["sequence"]["path"].isprintable() or len(report["sequence"]["path"]) > MAX_PATH:
+    if "\0" in report["sequence"]["path"] or len(report["sequence"]["path"]) > MAX_PATH:
         raise AsfmError(f"{path}: expected the sequence's path in it, found {quote(report['sequence']['path'])}")
     return report
 

@@ -150,7 +150,10 @@ SPOILED: dict[str, tuple[Callable[[Path], None], tuple[str, ...]]] = {
         ("frames.csv, line 4", "finite timestamp_s"),
     ),
     "no frames": (lambda folder: replace_line(folder / "frames.csv", 1, ""), ("frames.csv", "expected the header")),
-    "no table of frames": (lambda folder: (folder / "frames.csv").unlink(), ("frames.csv", "expected a file")),
+    "no table of frames": (
+        lambda folder: (folder / "frames.csv").unlink(),
+        ("frames.csv", "expected a table, found none"),
+    ),
     "settings": (
         lambda folder: replace_line(folder / "sequence.yaml", 1, "sonar: ["),
         ("sequence.yaml", "cannot read"),
@@ -172,7 +175,7 @@ def test_what_is_no_sequence_is_refused(tmp_path: Path, capsys: pytest.CaptureFi
     (tmp_path / "empty").mkdir()
     (tmp_path / "letter.txt").write_text("Dear sonar,")
     (tmp_path / "nothing.aris").write_bytes(b"")
-    assert "none: expected a sequence, found nothing there" in refuse(capsys, tmp_path, tmp_path / "none")
+    assert "none: expected a sequence, found none" in refuse(capsys, tmp_path, tmp_path / "none")
     for name in ("empty", "letter.txt", "nothing.aris"):
         message = refuse(capsys, tmp_path, tmp_path / name)
         assert f"{name}: expected one of the formats that are read" in message
@@ -241,7 +244,7 @@ def test_pickles_of_strangers_are_refused(
         (["--set", "cfar"], ["--set cfar", "section.key=value"]),
         (["--set", "backend.rounds=0"], ["backend.rounds", "greater than or equal to 1"]),
         (["--mode", "wrong"], ["'mode'", "batch"]),
-        (["--config", "none.yaml"], ["none.yaml", "No such file"]),
+        (["--config", "none.yaml"], ["none.yaml", "found none"]),
         (["--colour"], ["--colour", "see asfm run --help"]),
         (["and", "another"], ["and", "see asfm run --help"]),
     ],

@@ -22,4 +22,4 @@ def test_every_tool_prints_its_help(monkeypatch: pytest.MonkeyPatch, capsys: pyt
             module.main()
         assert exit_.value.code == 0
         assert f"python -m {name.removesuffix('.__main__')} " in capsys.readouterr().out
-    assert found == 5
+    assert found == 6

@@ -203,7 +203,7 @@ def test_windows_larger_than_the_image_cover_all_of_it(method: Method, noise: No
     valid = np.ones(image.shape, dtype=bool)
     large, huge, all_guard = (
         CfarConfig(false_alarm_probability=0.1, guard_px=guard_px, reference_px=reference_px)
-        for guard_px, reference_px in [((1, 1), (20, 16)), ((1, 1), (10**6, 10**6)), ((50, 50), (99, 99))]
+        for guard_px, reference_px in [((1, 1), (20, 16)), ((1, 1), (500, 500)), ((50, 50), (99, 99))]
     )
     detected = detect_cfar(image, valid, change(huge, method=method, noise=noise))
     assert detected.any()
