@@ -2,7 +2,7 @@
 
 Matches of near frames are reduced to the inliers of a planar motion, which does not depend on odometry. Their distance
 from the elevation arcs is then measured under the odometry as recorded and under hypotheses of common faults: an
-axis or the heading mirrored, body axes turned by a quarter turn, or a missing lever arm.
+axis or the heading mirrored, another convention of axes, poses, rotations or quaternions, or a missing lever arm.
 """
 
 from collections.abc import Iterable, Sequence
@@ -31,6 +31,8 @@ MAX_POINTS = 60
 """Points of a frame pair that are used."""
 RANSAC_TRIALS = 100
 ARC_POINTS = 9
+MARINE = "taken as NED/FRD (world z down, y to starboard)"
+MARINE_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
 AS_RECORDED = "as it is"
 """Name of the hypothesis that the odometry has no fault."""
 
@@ -100,6 +102,11 @@ def planar_inliers(pairs: Iterable[PointPairs], rng: np.random.Generator) -> lis
     return reduced
 
 
+def to_marine_axes(world_from_vehicle: FloatArray) -> FloatArray:
+    """Turn the axes of world and vehicle of (N, 4, 4) poses by 180 deg about x: z up and y to port <-> NED/FRD."""
+    return np.asarray(MARINE_AXES @ world_from_vehicle @ MARINE_AXES)
+
+
 def odometry_hypotheses(world_from_vehicle: FloatArray, vehicle_from_sonar: FloatArray) -> dict[str, FloatArray]:
     """Return the odometry as recorded and with each common fault undone.
 
@@ -120,6 +127,10 @@ def odometry_hypotheses(world_from_vehicle: FloatArray, vehicle_from_sonar: Floa
     mirror_y = np.diag([1.0, -1.0, 1.0, 1.0])
     hypotheses["with port and starboard swapped"] = mirror_y @ world_from_vehicle @ mirror_y
     hypotheses["inverted"] = invert(world_from_vehicle)
+    hypotheses["with its rotations inverted"] = make_pose(position, rotation.inv())
+    w_first = Rotation.from_quat(rotation.as_quat()[:, [1, 2, 3, 0]])
+    hypotheses["with its quaternions read as x y z w where w comes first"] = make_pose(position, w_first)
+    hypotheses[MARINE] = to_marine_axes(world_from_vehicle)
     for degrees in (90, 180, -90):
         turn = make_pose(np.zeros(3), Rotation.from_euler("z", degrees, degrees=True))
         hypotheses[f"with its body axes turned by {degrees} deg about z"] = world_from_vehicle @ turn

@@ -26,6 +26,7 @@ from asfm.navigation.frame_navigation import FrameNavigation, read_navigation
 from asfm.navigation.odometry_hypotheses import collect_point_pairs
 from asfm.navigation.pose_prediction import predict_poses
 from asfm.pipeline.feature_matching import extract_matches
+from asfm.pipeline.image_faults import MatchedSequence, rematch_suspected
 from asfm.pipeline.loop_closure import find_loops
 from asfm.pipeline.self_calibration import apply_calibration, estimate_calibration
 from asfm.pipeline.summary import summarise
@@ -73,11 +74,14 @@ def reconstruct(
     clock = StageClock(progress)
     navigation = read_navigation(sequence, config.backend)
     prediction = predict_poses(navigation, sequence)
-    keypoints, matches = extract_matches(sequence, config, recorder, clock, prediction, external)
+    matched = MatchedSequence(sequence, *extract_matches(sequence, config, recorder, clock, prediction, external))
+    if external is None:
+        matched = rematch_suspected(matched, navigation, config, recorder, clock)
+    keypoints, matches = matched.keypoints, matched.matches
     calibrated, solution, diagnostics = estimate(
-        sequence, navigation, keypoints, matches, config, clock, may_add_matches=external is None
+        matched.sequence, navigation, keypoints, matches, config, clock, may_add_matches=external is None
     )
-    reconstruction = summarise(calibrated, solution, config, clock, diagnostics)
+    reconstruction = summarise(calibrated, solution, config, clock, (*matched.diagnostics, *diagnostics))
     with clock.stage("record"):
         recorder.record_reconstruction(calibrated, reconstruction)
     without_patches = tuple(frame.without_patches() for frame in keypoints)

@@ -12,6 +12,7 @@ from asfm.backend.graph.self_calibration import Calibration
 from asfm.backend.initialisation.initial_poses import InitialPoses
 from asfm.config import Config
 from asfm.pipeline import reconstruction
+from asfm.pipeline.image_faults import MatchedSequence
 from asfm.sequence import Sequence
 from asfm.stages import StageClock
 from tests.pipeline.stubs import Calls, stub_stages
@@ -174,15 +175,22 @@ def test_a_run_hands_every_stage_the_results_of_those_before(external: Any, stub
     recorder: Any = SimpleNamespace(record_reconstruction=lambda *args: shown.append(args))
     stub("read_navigation", "navigation")
     predicted = stub("predict_poses", "prediction")
-    extracted = stub("extract_matches", (KEYPOINTS, ["match"]))
+    extracted = stub("extract_matches", (KEYPOINTS, ["match"] if external else ["gated"]))
+    turned = replace(sequence, name="turned")
+    rematched = stub("rematch_suspected", MatchedSequence(turned, KEYPOINTS, ["match"], ("turned",)))  # type: ignore
     estimated = stub("estimate", ("calibrated", "solution", ("found",)))
     summarised = stub("summarise", "summary")
     run: Any = reconstruction.reconstruct(sequence, CONFIG, recorder, external=external)
     assert predicted == [("navigation", sequence)]
     assert extracted[0][-2:] == ("prediction", external)
-    assert estimated[0][:4] == (sequence, "navigation", KEYPOINTS, ["match"])
+    assert estimated[0][:4] == (sequence if external else turned, "navigation", KEYPOINTS, ["match"])
     assert estimated[0][-1] is (external is None), "only asfm's own matches are added to"
-    assert summarised[0][:2] == ("calibrated", "solution") and summarised[0][-1] == ("found",)
+    found = ("found",) if external else ("turned", "found")
+    assert summarised[0][:2] == ("calibrated", "solution") and summarised[0][-1] == found
+    assert len(rematched) == (external is None), "given matches are not made again"
+    if rematched:
+        assert rematched[0][0].sequence is sequence and rematched[0][0].matches == ["gated"]
+        assert rematched[0][1:4] == ("navigation", CONFIG, recorder)
     assert shown == [("calibrated", "summary")]
     assert run.reconstruction == "summary" and run.matches == ("match",)
     assert run.keypoints[0].patches.size == 0 and len(run.keypoints[0]) == 2
