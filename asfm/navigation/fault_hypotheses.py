@@ -139,7 +139,7 @@ def hypothesis_distances(
     distance_m = {}
     for hypothesis in hypotheses:
         world_from_sonar = hypothesis.world_from_vehicle @ vehicle_from_sonar
-        known = np.isfinite(world_from_sonar).all(axis=(1, 2))
+        known = np.asarray(np.isfinite(world_from_sonar).all(axis=(1, 2)))
         pairs = [pair for pair in points[hypothesis.images] if known[pair.frame_a] and known[pair.frame_b]]
         few = 2 * len(pairs) < len(inliers)
         distances_m = [median_arc_distance_m(pair, world_from_sonar, sonar) for pair in pairs]
@@ -157,10 +157,12 @@ def _translation_ratio(world_from_sonar: FloatArray, pairs: Rows[PointPairs]) ->
     for index, pair in enumerate(pairs):
         a_from_b = invert(world_from_sonar[pair.frame_a]) @ world_from_sonar[pair.frame_b]
         planar_m[index], recorded_m[index] = np.linalg.norm(pair.a_from_b[:2, 3]), np.linalg.norm(a_from_b[:3, 3])
-    if not len(pairs):
+    moved = np.flatnonzero(recorded_m)
+    if not len(moved):
         return 0.0
-    long = np.flatnonzero(np.asarray(planar_m >= np.median(planar_m) / 2) & np.asarray(recorded_m > 0))
-    return float(np.median(planar_m[long] / recorded_m[long])) if len(long) else 0.0
+    planar_m, recorded_m = planar_m[moved], recorded_m[moved]
+    long = np.flatnonzero(planar_m >= float(np.median(planar_m)) / 2)
+    return float(np.median(planar_m[long] / recorded_m[long]))
 
 
 def _scaled(world_from_vehicle: FloatArray, factor: float) -> Hypothesis:

@@ -36,6 +36,10 @@ PLANAR_RATIO = 2.5
 """A fault explains the images when its arc distance is at most this multiple of that of their own planar motion."""
 RIVAL_RATIO = 1.3
 """Hypotheses whose arc distances differ by at most this factor are named beside each other."""
+USUAL_RATIO = 0.65
+"""Right odometry has an arc distance of at most about this multiple of the expected one."""
+USUAL_BETTER_FIT_RATIO = 0.75
+"""A fault whose correction does as well need only be this much better than a stationary sonar."""
 TIE_RATIO = 1.15
 """Hypotheses whose arc distances differ by at most this factor are equally good."""
 WORSE_THAN_STATIONARY_RATIO = 1.25
@@ -89,8 +93,9 @@ class OdometryTest:
         if best is None:
             return None
         explained_m = max(PLANAR_RATIO * self.planar_m, CONFLICT_RATIO_WITH_ALTERNATIVE * noise_m)
-        limit_m = min(BETTER_FIT_RATIO * self.stationary_m, explained_m)
-        return best if self.distance_m[best] < limit_m else None
+        within_noise = self.distance_m[best] < USUAL_RATIO * noise_m
+        better_than_still_m = (USUAL_BETTER_FIT_RATIO if within_noise else BETTER_FIT_RATIO) * self.stationary_m
+        return best if self.distance_m[best] < min(better_than_still_m, explained_m) else None
 
     @property
     def rivals(self) -> tuple[str, ...]:
