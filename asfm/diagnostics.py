@@ -46,6 +46,7 @@ CODES = {
     "odometry-scale": "the odometry's translations have another scale than the images show; millimetres, feet?",
     "range-axis-reversed": "the images seem to have their far range in row 0; they are turned",
     "bearing-axis-reversed": "the images seem to be mirrored left to right, or the sonar mounted upside down",
+    "image-jumps": "the images change abruptly at some steps where odometry does not; lost or exchanged frames?",
     "sensor-conflict": "odometry and navigation contradict each other in depth, roll or pitch",
     "time-offset": "odometry and navigation agree only with shifted time stamps",
     "duplicate-frames": "frames repeat the image before them while the vehicle moves; their matches are left out",

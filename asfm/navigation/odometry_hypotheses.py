@@ -26,7 +26,7 @@ MIN_INLIER_SHARE = 0.25
 TOLERANCE_PER_RANGE = 0.03
 """Distance of an inlier from the planar motion, over its range."""
 MAX_FRAME_PAIRS = 60
-"""Frame pairs that are used, spread evenly over the sequence."""
+"""Frame pairs that are used by default, spread evenly over the sequence."""
 MAX_POINTS = 60
 """Points of a frame pair that are used."""
 RANSAC_TRIALS = 100
@@ -75,15 +75,18 @@ def collect_point_pairs(keypoints: Sequence[Keypoints], candidates: Iterable[Mat
     return point_pairs
 
 
-def planar_inliers(pairs: Iterable[PointPairs], rng: np.random.Generator) -> list[PointPairs]:
+def planar_inliers(
+    pairs: Iterable[PointPairs], rng: np.random.Generator, max_pairs: int = MAX_FRAME_PAIRS
+) -> list[PointPairs]:
     """Reduce each frame pair to the inliers of a planar motion; pairs with too few are dropped.
 
     Args:
         pairs: matched points of frame pairs.
         rng: draws the RANSAC samples and the points that are kept.
+        max_pairs: number of frame pairs that are used, spread evenly over those with enough points.
     """
     pairs = [pair for pair in pairs if len(pair.range_bearing_a) >= MIN_INLIERS]
-    chosen = np.unique(np.linspace(0, len(pairs) - 1, min(len(pairs), MAX_FRAME_PAIRS)).round().astype(int))
+    chosen = np.unique(np.linspace(0, len(pairs) - 1, min(len(pairs), max_pairs)).round().astype(int))
     reduced = []
     for pair in (pairs[index] for index in chosen.tolist()):
         xy_a, xy_b = (

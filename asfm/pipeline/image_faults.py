@@ -1,17 +1,19 @@
-"""Reversed axes of the images, and matches without odometry where the odometry is suspected of a fault."""
+"""Faults of the images: reversed axes, jumps, and matches without odometry where this is suspected of a fault."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from asfm.backend.initialisation.initial_poses import initialise_from_odometry
+from asfm.backend.initialisation.initial_poses import InitialPoses, initialise_from_odometry
 from asfm.config import Config
 from asfm.diagnostics import Diagnostic
+from asfm.geometry.feature_noise import feature_sigma
 from asfm.navigation.fault_diagnostics import diagnose_images
 from asfm.navigation.fault_hypotheses import ImageAxis
 from asfm.navigation.frame_navigation import FrameNavigation
+from asfm.navigation.image_jumps import diagnose_image_jumps, find_image_jumps
 from asfm.navigation.odometry_check import OdometryTest, compare_odometry_hypotheses
-from asfm.navigation.odometry_hypotheses import collect_point_pairs, planar_inliers
+from asfm.navigation.odometry_hypotheses import PointPairs, collect_point_pairs, planar_inliers
 from asfm.pipeline.feature_matching import extract_matches
 from asfm.recorder import NullRecorder, Recorder
 from asfm.sequence import Sequence
@@ -74,6 +76,30 @@ def reverse_images(sequence: Sequence, axis: ImageAxis) -> Sequence:
         )
 
     return replace(sequence, read_frame=read_frame)
+
+
+def report_image_jumps(
+    start: InitialPoses, sequence: Sequence, pairs: list[PointPairs], keypoints: list[Keypoints], config: Config
+) -> InitialPoses:
+    """Add a diagnostic where the images jump and odometry does not.
+
+    Args:
+        start: poses from the odometry as recorded.
+        sequence: gives the sonar and its lever arm.
+        pairs: matched points of near frames.
+        keypoints: those of every frame.
+        config: section ``noise``.
+    """
+    jumps = find_image_jumps(
+        start.world_from_vehicle @ sequence.vehicle_from_sonar,
+        start.sensors.step_sigma,
+        pairs,
+        np.array([len(frame) for frame in keypoints]),
+        sequence.sonar,
+        feature_sigma(sequence.sonar, config.noise),
+    )
+    found = diagnose_image_jumps(jumps & ~start.unreliable)
+    return replace(start, sensors=replace(start.sensors, diagnostics=(*start.sensors.diagnostics, *found)))
 
 
 def _test_odometry(matched: MatchedSequence, navigation: FrameNavigation, config: Config) -> OdometryTest | None:

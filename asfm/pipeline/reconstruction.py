@@ -26,7 +26,7 @@ from asfm.navigation.frame_navigation import FrameNavigation, read_navigation
 from asfm.navigation.odometry_hypotheses import collect_point_pairs
 from asfm.navigation.pose_prediction import predict_poses
 from asfm.pipeline.feature_matching import extract_matches
-from asfm.pipeline.image_faults import MatchedSequence, rematch_suspected
+from asfm.pipeline.image_faults import MatchedSequence, rematch_suspected, report_image_jumps
 from asfm.pipeline.loop_closure import find_loops
 from asfm.pipeline.self_calibration import apply_calibration, estimate_calibration
 from asfm.pipeline.summary import summarise
@@ -140,7 +140,9 @@ def initialise(
         rng = np.random.default_rng(config.seed)
         start = initialise_from_odometry(navigation, sequence)
         if start is not None:
-            start = verify_odometry(start, sequence, collect_point_pairs(keypoints, candidates), config, rng)
+            pairs = collect_point_pairs(keypoints, candidates)
+            start = report_image_jumps(start, sequence, pairs, keypoints, config)
+            start = verify_odometry(start, sequence, pairs, config, rng)
         if start is None or start.unreliable.any():
             tracks = build_tracks(keypoints, candidates)
             if start is None:

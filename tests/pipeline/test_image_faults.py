@@ -8,14 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from asfm.backend.initialisation.initial_poses import initialise_from_odometry
 from asfm.config import BackendConfig, Config
 from asfm.navigation.frame_navigation import FrameNavigation, read_navigation
-from asfm.pipeline.image_faults import MatchedSequence, rematch_suspected, reverse_images
+from asfm.pipeline.image_faults import MatchedSequence, rematch_suspected, report_image_jumps, reverse_images
 from asfm.sequence import Sequence
 from asfm.stages import StageClock
 from asfm.types import Frame
 from tests.pipeline.stubs import Calls, stub_stages
-from tests.worlds import make_vehicle_sequence
+from tests.worlds import make_keypoints, make_vehicle_sequence
 
 Stub = Callable[[str, Any], Calls]
 RECORDER: Any = "recorder"
@@ -90,3 +91,17 @@ def test_without_odometry_nothing_is_tested(sequence: Sequence, stub: Stub) -> N
     given = MatchedSequence(sequence, [], [])
     none = FrameNavigation(None, read_navigation(replace(sequence, odometry=None), BackendConfig()).depth_attitude)
     assert rematch_suspected(given, none, Config(), RECORDER, StageClock()) is given and not tested
+
+
+def test_image_jumps_are_added_to_the_diagnostics_with_the_poses_of_the_sonar(sequence: Sequence, stub: Stub) -> None:
+    start = initialise_from_odometry(read_navigation(sequence, BackendConfig()), sequence)
+    assert start is not None
+    jumps = np.zeros(len(start.unreliable), dtype=bool)
+    jumps[[3, 8]] = True
+    unreliable = np.arange(len(jumps)) == 8
+    sought = stub("find_image_jumps", jumps)
+    keypoints = [make_keypoints(np.ones(frame), np.zeros(frame)) for frame in range(len(sequence))]
+    found = report_image_jumps(replace(start, unreliable=unreliable), sequence, [], keypoints, Config())
+    assert found.sensors.diagnostics[-1].frames == ((3, 4),), "steps that odometry does not know are left out"
+    np.testing.assert_array_equal(sought[0][0], start.world_from_vehicle @ sequence.vehicle_from_sonar)
+    np.testing.assert_array_equal(sought[0][3], np.arange(len(sequence)))

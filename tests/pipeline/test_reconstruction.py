@@ -97,6 +97,7 @@ def test_odometry_is_verified_and_what_is_missing_or_unreliable_comes_from_track
     start = initial_poses(odometry == "unreliable")
     stub("initialise_from_odometry", None if odometry == "none" else "recorded")
     stub("collect_point_pairs", lambda *_: "pairs")
+    jumps = stub("report_image_jumps", lambda recorded, *_: f"{recorded}, jumps reported")
     verified = stub("verify_odometry", start)
     stub("build_tracks", lambda *_: SimpleNamespace(count=3))
     from_tracks, replaced = stub("initialise_from_tracks", "from tracks"), stub("replace_unreliable_steps", "replaced")
@@ -106,7 +107,8 @@ def test_odometry_is_verified_and_what_is_missing_or_unreliable_comes_from_track
         rng = from_tracks[0][-1]
     else:
         assert found == "replaced" if odometry == "unreliable" else found is start
-        assert [call[:3] for call in verified] == [("recorded", sequence, "pairs")]
+        assert [call[:3] for call in jumps] == [("recorded", sequence, "pairs")]
+        assert [call[:3] for call in verified] == [("recorded, jumps reported", sequence, "pairs")]
         assert [call[0] for call in replaced] == ([start] if odometry == "unreliable" else [])
         rng = verified[0][-1]
     assert rng.integers(1 << 30) == np.random.default_rng(7).integers(1 << 30), "the seed is that of the configuration"
