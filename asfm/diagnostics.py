@@ -44,6 +44,7 @@ CODES = {
     "odometry-image-conflict": "the odometry contradicts the images; its steps get larger sigmas or are corrected",
     "marine-axes": "odometry, perhaps with depth and attitude, seems to be in NED/FRD; it is converted",
     "odometry-scale": "the odometry's translations have another scale than the images show; millimetres, feet?",
+    "mounting-rotated": "odometry, or the mounting of the sonar, seems to be turned by a quarter or half turn",
     "range-axis-reversed": "the images seem to have their far range in row 0; they are turned",
     "bearing-axis-reversed": "the images seem to be mirrored left to right, or the sonar mounted upside down",
     "image-jumps": "the images change abruptly at some steps where odometry does not; lost or exchanged frames?",

@@ -15,6 +15,7 @@ _WITHOUT_MESSAGE = (
     Diagnostic("odometry-image-conflict", ""),
     Diagnostic("marine-axes", ""),
     Diagnostic("odometry-scale", ""),
+    Diagnostic("mounting-rotated", ""),
     Diagnostic("range-axis-reversed", ""),
     Diagnostic("bearing-axis-reversed", ""),
     Diagnostic("images-out-of-order", ""),

@@ -11,6 +11,7 @@ from asfm.geometry.sonar import SonarModel
 from asfm.navigation.odometry_hypotheses import (
     AS_RECORDED,
     MARINE,
+    TURNED,
     PointPairs,
     median_arc_distance_m,
     odometry_hypotheses,
@@ -84,7 +85,9 @@ def fault_hypotheses(
         Hypothesis(IMAGES_MIRRORED, world_from_vehicle, images="bearing", code="bearing-axis-reversed"),
         Hypothesis(RANGE_REVERSED, world_from_vehicle, images="range", code="range-axis-reversed"),
     ]
-    found += [Hypothesis(name, poses) for name, poses in of_odometry.items()]
+    for name, poses in of_odometry.items():
+        turned = name.startswith(TURNED)
+        found.append(Hypothesis(name, poses, code="mounting-rotated" if turned else "odometry-image-conflict"))
     ratio = _translation_ratio(world_from_vehicle @ vehicle_from_sonar, pairs)
     for factor in ratio * SCALE_SEARCH if ratio else ():
         found.append(_scaled(world_from_vehicle, float(factor)))

@@ -33,6 +33,7 @@ RANSAC_TRIALS = 100
 ARC_POINTS = 9
 MARINE = "taken as NED/FRD (world z down, y to starboard)"
 MARINE_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
+TURNED = "with its body axes (or the mounting of the sonar) turned by"
 AS_RECORDED = "as it is"
 """Name of the hypothesis that the odometry has no fault."""
 
@@ -136,7 +137,7 @@ def odometry_hypotheses(world_from_vehicle: FloatArray, vehicle_from_sonar: Floa
     hypotheses[MARINE] = to_marine_axes(world_from_vehicle)
     for degrees in (90, 180, -90):
         turn = make_pose(np.zeros(3), Rotation.from_euler("z", degrees, degrees=True))
-        hypotheses[f"with its body axes turned by {degrees} deg about z"] = world_from_vehicle @ turn
+        hypotheses[f"{TURNED} {degrees} deg about z"] = world_from_vehicle @ turn
     if not np.allclose(vehicle_from_sonar, np.eye(4)):
         of_sonar = world_from_vehicle @ invert(vehicle_from_sonar)
         hypotheses["taken as that of the sonar, without the lever arm"] = of_sonar

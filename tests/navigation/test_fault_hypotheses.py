@@ -59,6 +59,11 @@ def test_marine_axes_are_undone_in_odometry_depth_and_attitude(inliers: list[Poi
     assert found.reading_signs == (-1, 1, -1) and found.correctable and found.code == "marine-axes"
 
 
+def test_quarter_turns_may_be_those_of_the_mounting(inliers: list[PointPairs]) -> None:
+    turned = [item for item in hypothesise(make_vehicle_path(), inliers).values() if item.code == "mounting-rotated"]
+    assert len(turned) == 3 and all("mounting" in item.name and item.correctable for item in turned)
+
+
 @pytest.mark.parametrize(("axis", "column"), [("range", 0), ("bearing", 1)])
 def test_points_of_a_reversed_axis_stay_in_the_image_and_turning_twice_changes_nothing(
     raw: list[PointPairs], axis: str, column: int

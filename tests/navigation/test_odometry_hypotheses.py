@@ -69,9 +69,9 @@ def turn_body(degrees: float) -> Callable[[FloatArray], FloatArray]:
         ("with its rotations inverted", lambda poses: make_pose(poses[:, :3, 3], invert_rotations(poses))),
         ("with its quaternions read as x y z w where w comes first", read_w_first),
         (MARINE, to_marine_axes),
-        ("with its body axes turned by 90 deg about z", turn_body(-90)),
-        ("with its body axes turned by 180 deg about z", turn_body(180)),
-        ("with its body axes turned by -90 deg about z", turn_body(90)),
+        ("with its body axes (or the mounting of the sonar) turned by 90 deg about z", turn_body(-90)),
+        ("with its body axes (or the mounting of the sonar) turned by 180 deg about z", turn_body(180)),
+        ("with its body axes (or the mounting of the sonar) turned by -90 deg about z", turn_body(90)),
         ("taken as that of the sonar, without the lever arm", lambda poses: poses @ VEHICLE_LEVER_ARM),
     ],
 )

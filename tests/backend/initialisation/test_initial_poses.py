@@ -100,7 +100,7 @@ def test_odometry_with_twice_the_stated_noise_is_not_rejected(floor: Floor) -> N
         (mirror_angle(0), "with its heading mirrored"),
         (lambda poses: LEFT_HANDED @ poses @ LEFT_HANDED, "with port and starboard swapped"),
         (invert, "inverted"),
-        (turn_body, "with its body axes turned by 90 deg about z"),
+        (turn_body, "with its body axes (or the mounting of the sonar) turned by 90 deg about z"),
     ],
     ids=["x", "y", "heading", "left-handed", "inverted", "turned"],
 )
