@@ -10,7 +10,7 @@ class Recorder(Protocol):
     """Observer of a run; the pipeline calls every method, whether or not anything is recorded."""
 
     def record_frame(self, frame: Frame, mask: BoolArray, keypoints: Keypoints) -> None:
-        """Record the mask and keypoints of a frame; called once per frame, in order."""
+        """Record the mask and keypoints of a frame; called once per frame, in order; again for turned images."""
 
     def record_matches(self, frame_a: Keypoints, frame_b: Keypoints, matches: Matches) -> None:
         """Record the matches of a frame (b) with the previous one (a); called for every frame but the first."""

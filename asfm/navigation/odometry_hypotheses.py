@@ -2,7 +2,7 @@
 
 Matches of near frames are reduced to the inliers of a planar motion, which does not depend on odometry. Their distance
 from the elevation arcs is then measured under the odometry as recorded and under hypotheses of common faults: an
-axis or the heading mirrored, body axes turned by a quarter turn, or a missing lever arm.
+axis or the heading mirrored, another convention of axes, poses, rotations or quaternions, or a missing lever arm.
 """
 
 from collections.abc import Iterable, Sequence
@@ -26,11 +26,14 @@ MIN_INLIER_SHARE = 0.25
 TOLERANCE_PER_RANGE = 0.03
 """Distance of an inlier from the planar motion, over its range."""
 MAX_FRAME_PAIRS = 60
-"""Frame pairs that are used, spread evenly over the sequence."""
+"""Frame pairs that are used by default, spread evenly over the sequence."""
 MAX_POINTS = 60
 """Points of a frame pair that are used."""
 RANSAC_TRIALS = 100
 ARC_POINTS = 9
+MARINE = "taken as NED/FRD (world z down, y to starboard)"
+MARINE_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
+TURNED = "with its body axes (or the mounting of the sonar) turned by"
 AS_RECORDED = "as it is"
 """Name of the hypothesis that the odometry has no fault."""
 
@@ -73,15 +76,18 @@ def collect_point_pairs(keypoints: Sequence[Keypoints], candidates: Iterable[Mat
     return point_pairs
 
 
-def planar_inliers(pairs: Iterable[PointPairs], rng: np.random.Generator) -> list[PointPairs]:
+def planar_inliers(
+    pairs: Iterable[PointPairs], rng: np.random.Generator, max_pairs: int = MAX_FRAME_PAIRS
+) -> list[PointPairs]:
     """Reduce each frame pair to the inliers of a planar motion; pairs with too few are dropped.
 
     Args:
         pairs: matched points of frame pairs.
         rng: draws the RANSAC samples and the points that are kept.
+        max_pairs: number of frame pairs that are used, spread evenly over those with enough points.
     """
     pairs = [pair for pair in pairs if len(pair.range_bearing_a) >= MIN_INLIERS]
-    chosen = np.unique(np.linspace(0, len(pairs) - 1, min(len(pairs), MAX_FRAME_PAIRS)).round().astype(int))
+    chosen = np.unique(np.linspace(0, len(pairs) - 1, min(len(pairs), max_pairs)).round().astype(int))
     reduced = []
     for pair in (pairs[index] for index in chosen.tolist()):
         xy_a, xy_b = (
@@ -98,6 +104,11 @@ def planar_inliers(pairs: Iterable[PointPairs], rng: np.random.Generator) -> lis
             a, b = pair.range_bearing_a[kept], pair.range_bearing_b[kept]
             reduced.append(PointPairs(pair.frame_a, pair.frame_b, a, b, motion))
     return reduced
+
+
+def to_marine_axes(world_from_vehicle: FloatArray) -> FloatArray:
+    """Turn the axes of world and vehicle of (N, 4, 4) poses by 180 deg about x: z up and y to port <-> NED/FRD."""
+    return np.asarray(MARINE_AXES @ world_from_vehicle @ MARINE_AXES)
 
 
 def odometry_hypotheses(world_from_vehicle: FloatArray, vehicle_from_sonar: FloatArray) -> dict[str, FloatArray]:
@@ -120,9 +131,13 @@ def odometry_hypotheses(world_from_vehicle: FloatArray, vehicle_from_sonar: Floa
     mirror_y = np.diag([1.0, -1.0, 1.0, 1.0])
     hypotheses["with port and starboard swapped"] = mirror_y @ world_from_vehicle @ mirror_y
     hypotheses["inverted"] = invert(world_from_vehicle)
+    hypotheses["with its rotations inverted"] = make_pose(position, rotation.inv())
+    w_first = Rotation.from_quat(rotation.as_quat()[:, [1, 2, 3, 0]])
+    hypotheses["with its quaternions read as x y z w where w comes first"] = make_pose(position, w_first)
+    hypotheses[MARINE] = to_marine_axes(world_from_vehicle)
     for degrees in (90, 180, -90):
         turn = make_pose(np.zeros(3), Rotation.from_euler("z", degrees, degrees=True))
-        hypotheses[f"with its body axes turned by {degrees} deg about z"] = world_from_vehicle @ turn
+        hypotheses[f"{TURNED} {degrees} deg about z"] = world_from_vehicle @ turn
     if not np.allclose(vehicle_from_sonar, np.eye(4)):
         of_sonar = world_from_vehicle @ invert(vehicle_from_sonar)
         hypotheses["taken as that of the sonar, without the lever arm"] = of_sonar

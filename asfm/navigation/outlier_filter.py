@@ -23,6 +23,10 @@ MIN_NEIGHBOURS = 5
 """Readings with fewer neighbours are not tested."""
 FIT_ITERATIONS = 6
 """Iterations of the reweighted least squares that fit a parabola."""
+END_NEIGHBOURS = 2
+"""With fewer neighbours on one side the parabola extrapolates, and the change from the nearest ones is tested too."""
+RATE_FACTOR = 3.0
+"""A reading near an end must differ from its nearest neighbours by this many typical steps more than by the noise."""
 MAX_PASSES = 20
 """Passes that remove the worst outlier of each neighbourhood."""
 
@@ -42,7 +46,8 @@ def find_outliers(
     """Find single outliers in a time series, such as one depth a metre off its neighbours.
 
     Each pass removes the worst outlier of every neighbourhood, and the others are tested again without it. Neighbours
-    across a gap are ignored; readings with fewer than :data:`MIN_NEIGHBOURS` are not tested.
+    across a gap are ignored; readings with fewer than :data:`MIN_NEIGHBOURS` are not tested. At the ends, where the
+    parabola extrapolates, an outlier must also change faster than its neighbours do.
 
     Args:
         values: (N, C) readings of C channels.
@@ -60,7 +65,8 @@ def find_outliers(
     deviation = np.abs(values - _fit_parabolas(values, outlier, window, time))
     limit = OUTLIER_SIGMAS * np.maximum(sigma, MAD_TO_SIGMA * np.median(deviation, axis=0))
     for _ in range(MAX_PASSES):
-        excess = np.where(outlier, 0.0, deviation / limit)
+        usual = outlier | (_end_changes(values, outlier, window, time) <= limit)
+        excess = np.where(usual, 0.0, deviation / limit)
         worst = (excess > 1) & (excess >= excess[window].max(axis=1))
         if not worst.any():
             break
@@ -80,6 +86,36 @@ def _relative_times(window: IntArray, stamps_s: FloatArray) -> FloatArray:
     """Return the (N, W) times from each value to its neighbours, in half windows at the median interval."""
     interval_s = max(float(np.median(np.diff(stamps_s))), 1e-12)
     return np.asarray((stamps_s[window] - stamps_s[:, None]) / (HALF_WINDOW * interval_s))
+
+
+def _end_changes(values: FloatArray, outlier: BoolArray, window: IntArray, time: FloatArray) -> FloatArray:
+    """Return by how much (N, C) values near an end or a gap change beyond their rate; infinite elsewhere."""
+    change = np.full(values.shape, np.inf)
+    near = (window != np.arange(len(values))[:, None]) & (np.abs(time) <= MAX_NEIGHBOUR_DISTANCE)
+    before, after = (near & (time < 0)).sum(axis=1), (near & (time > 0)).sum(axis=1)
+    for index in np.flatnonzero(np.minimum(before, after) < END_NEIGHBOURS).tolist():
+        others, times = window[index][near[index]], time[index][near[index]]
+        for channel in range(values.shape[1]):
+            usable = ~outlier[others, channel]
+            if usable.sum() >= MIN_NEIGHBOURS:
+                neighbours = values[others[usable], channel]
+                change[index, channel] = _excess_change(values[index, channel], neighbours, times[usable])
+    return change
+
+
+def _excess_change(value: float, neighbours: FloatArray, time: FloatArray) -> float:
+    """Return by how much a value differs from its nearest neighbours beyond what their typical rate explains.
+
+    Args:
+        value: reading at the time zero.
+        neighbours: (W,) other readings.
+        time: (W,) their rising times.
+    """
+    rate = float(np.median(np.abs(np.diff(neighbours) / np.maximum(np.diff(time), 1e-9))))
+    sides = [np.flatnonzero(time < 0)[-1:], np.flatnonzero(time > 0)[:1]]
+    nearest = np.concatenate(sides)
+    excess = np.abs(value - neighbours[nearest]) - RATE_FACTOR * rate * np.abs(time[nearest])
+    return max(float(excess.max()), 0.0)
 
 
 def _fit_parabolas(values: FloatArray, outlier: BoolArray, window: IntArray, time: FloatArray) -> FloatArray:

@@ -28,6 +28,7 @@ from asfm.navigation.local_world import move_to_local_origin, with_world_of
 from asfm.navigation.odometry_hypotheses import collect_point_pairs
 from asfm.navigation.pose_prediction import predict_poses
 from asfm.pipeline.feature_matching import extract_matches
+from asfm.pipeline.image_faults import MatchedSequence, rematch_suspected, report_image_jumps
 from asfm.pipeline.loop_closure import find_loops
 from asfm.pipeline.self_calibration import apply_calibration, estimate_calibration
 from asfm.pipeline.summary import summarise
@@ -77,11 +78,14 @@ def reconstruct(
     local, origin_m = move_to_local_origin(sequence, config.backend)
     navigation = read_navigation(local, config.backend)
     prediction = predict_poses(navigation, local)
-    keypoints, matches = extract_matches(local, config, recorder, clock, prediction, external)
+    matched = MatchedSequence(local, *extract_matches(local, config, recorder, clock, prediction, external))
+    if external is None:
+        matched = rematch_suspected(matched, navigation, config, recorder, clock)
+    keypoints, matches = matched.keypoints, matched.matches
     calibrated, solution, diagnostics = estimate(
-        local, navigation, keypoints, matches, config, clock, may_add_matches=external is None
+        matched.sequence, navigation, keypoints, matches, config, clock, may_add_matches=external is None
     )
-    reconstruction = summarise(calibrated, solution, config, clock, diagnostics)
+    reconstruction = summarise(calibrated, solution, config, clock, (*matched.diagnostics, *diagnostics))
     reconstruction = shift_reconstruction(reconstruction, origin_m)
     with clock.stage("record"):
         recorder.record_reconstruction(with_world_of(calibrated, sequence), reconstruction)
@@ -141,7 +145,9 @@ def initialise(
         rng = np.random.default_rng(config.seed)
         start = initialise_from_odometry(navigation, sequence)
         if start is not None:
-            start = verify_odometry(start, sequence, collect_point_pairs(keypoints, candidates), config, rng)
+            pairs = collect_point_pairs(keypoints, candidates)
+            start = report_image_jumps(start, sequence, pairs, keypoints, config)
+            start = verify_odometry(start, sequence, pairs, config, rng)
         if start is None or start.unreliable.any():
             tracks = build_tracks(keypoints, candidates)
             if start is None:

@@ -9,15 +9,15 @@ from asfm.backend.initialisation.planar_odometry import planar_odometry
 from asfm.config import Config
 from asfm.geometry.poses import chain_steps, make_pose, steps_between
 from asfm.navigation.attitude_conflict import resolve_attitude_conflict
+from asfm.navigation.fault_diagnostics import diagnose_odometry, diagnose_time_offset
+from asfm.navigation.fault_hypotheses import Hypothesis
 from asfm.navigation.frame_navigation import FrameNavigation
 from asfm.navigation.odometry_check import (
     OdometryTest,
     compare_odometry_hypotheses,
-    diagnose_odometry,
-    diagnose_time_offset,
     measure_disagreement,
 )
-from asfm.navigation.odometry_hypotheses import PointPairs, odometry_hypotheses, planar_inliers
+from asfm.navigation.odometry_hypotheses import PointPairs, planar_inliers
 from asfm.navigation.sensor_consistency import align_initial_attitude, estimate_time_offset
 from asfm.navigation.sensor_constraints import (
     UNRELIABLE_SIGMA_FACTOR,
@@ -73,13 +73,14 @@ def verify_odometry(
     reliable = [pair for pair in point_pairs if not initial.unreliable[pair.frame_a : pair.frame_b].any()]
     inliers = planar_inliers(reliable, rng)
     poses, sensors = initial.world_from_vehicle, initial.sensors
-    test = compare_odometry_hypotheses(poses, sensors, inliers, sequence, config)
+    test = compare_odometry_hypotheses(poses, sensors, inliers, sequence, config, reliable)
     shift = estimate_time_offset(poses, sensors.depth_attitude, sequence.noise)
     contradicted = test is not None and test.contradicted
     if not inliers or not (contradicted or shift):
         return InitialPoses(*resolve_attitude_conflict(poses, sensors, inliers, sequence), initial.unreliable)
-    if test is not None and contradicted and test.likely_fault:
-        return _correct_fault(initial, test, sequence)
+    likely = test.hypotheses.get(str(test.likely_fault)) if test is not None and contradicted else None
+    if test is not None and likely is not None and likely.correctable:
+        return _correct_fault(initial, test, likely, sequence)
     sigma = measure_disagreement(poses, inliers, sequence.vehicle_from_sonar)
     found = [diagnose_odometry(test, sigma)] if test is not None and contradicted else []
     if shift:
@@ -90,10 +91,10 @@ def verify_odometry(
     return InitialPoses(poses, sensors, np.ones(len(initial.unreliable), dtype=bool))
 
 
-def _correct_fault(initial: InitialPoses, test: OdometryTest, sequence: Sequence) -> InitialPoses:
-    """Undo the most likely fault of the odometry, and increase the sigmas of its steps."""
-    sensors, lever = initial.sensors, sequence.vehicle_from_sonar
-    corrected = odometry_hypotheses(initial.world_from_vehicle, lever)[str(test.likely_fault)]
+def _correct_fault(initial: InitialPoses, test: OdometryTest, likely: Hypothesis, sequence: Sequence) -> InitialPoses:
+    """Undo the likely fault of odometry, depth and attitude, and increase the sigmas of the steps."""
+    sensors, corrected = initial.sensors, likely.world_from_vehicle
+    sensors = replace(sensors, z_roll_pitch=sensors.z_roll_pitch * np.asarray(likely.reading_signs))
     every_channel = np.ones(3, dtype=bool)
     corrected, _ = align_initial_attitude(corrected, sensors.depth_attitude, sequence.noise, every_channel)
     sigma = UNRELIABLE_SIGMA_FACTOR * sensors.step_sigma

@@ -13,8 +13,6 @@ from asfm.navigation.odometry_check import (
     MIN_FRAME_PAIRS,
     OdometryTest,
     compare_odometry_hypotheses,
-    diagnose_odometry,
-    diagnose_time_offset,
     measure_disagreement,
 )
 from asfm.navigation.odometry_hypotheses import AS_RECORDED, PointPairs, planar_inliers
@@ -57,7 +55,11 @@ def make_result(recorded: float, x: float, y: float, stationary: float, planar: 
         (make_result(1.0, 0.90, 0.30, 1.0, 0.1, 0.7), "y", False),
         (make_result(1.0, 0.90, 0.90, 0.7, 0.1, 1.4), None, True),
         (make_result(1.0, 0.90, 0.90, 0.9, 0.1, 1.4), None, False),
-        (make_result(1.0, 0.90, 0.30, 0.2, 0.7, 9.0), "y", False),
+        (make_result(1.0, 0.90, 0.30, 0.2, 0.7, 9.0), None, False),
+        (make_result(1.0, 0.90, 0.50, 0.7, 0.1, 1.4), None, True),
+        (make_result(1.0, 0.90, 0.40, 0.56, 0.1, 1.4), "y", True),
+        (make_result(1.0, 0.90, 0.50, 1.0, 0.1, 3.0), None, True),
+        (make_result(1.0, 0.90, 0.50, 1.0, 0.3, 3.0), "y", True),
     ],
     ids=[
         "far beyond the noise",
@@ -69,6 +71,10 @@ def make_result(recorded: float, x: float, y: float, stationary: float, planar: 
         "worse than no motion",
         "about as good as no motion",
         "the images show no motion that fits better",
+        "a fault hardly better than no motion",
+        "a fault as near as right odometry is",
+        "a fault far from the motion that the images show",
+        "a fault near the motion that the images show",
     ],
 )
 def test_decision_rules(result: OdometryTest, fault: str | None, contradicted: bool) -> None:
@@ -87,10 +93,7 @@ def test_fault_is_recognised_and_its_correction_fits_as_well_as_the_truth(pairs:
     assert truth is not None and result is not None and result.contradicted
     assert result.likely_fault == "with its y axis mirrored"
     assert result.distance_m[result.likely_fault] == pytest.approx(truth.distance_m[AS_RECORDED], rel=1e-6)
-    message = diagnose_odometry(result, np.array([np.deg2rad(1.5), 0.25])).message
-    for number in (result.distance_m[AS_RECORDED], result.planar_m, result.distance_m[result.likely_fault]):
-        assert f"{number:.2g} m" in message
-    assert f"over {len(pairs)} frame pairs" in message and "sigmas of 1.5 deg and 0.25 m" in message
+    assert result.pairs == len(pairs) and result.suspicious and result.image_axis is None
 
 
 def test_result_does_not_depend_on_the_world_frame(pairs: list[PointPairs]) -> None:
@@ -121,12 +124,6 @@ def test_disagreement_is_the_planted_error_per_step() -> None:
     wider = [replace(pair, frame_b=pair.frame_a + 2) for pair in pairs]
     one, two = (measure_disagreement(still, some, np.eye(4)) for some in (pairs, wider))
     np.testing.assert_allclose(two, one / 2)
-
-
-@pytest.mark.parametrize(("shift_s", "word"), [(0.4, "0.4 s earlier"), (-1.2, "1.2 s later")])
-def test_time_offset_is_reported_with_its_direction(shift_s: float, word: str) -> None:
-    found = diagnose_time_offset(shift_s, np.array([np.deg2rad(2.0), 0.5]))
-    assert found.code == "time-offset" and word in found.message and "2 deg and 0.5 m" in found.message
 
 
 def test_odometry_read_from_a_sequence_passes(pairs: list[PointPairs]) -> None:

@@ -12,6 +12,7 @@ from asfm.geometry.poses import heading, invert, make_pose, transform
 from asfm.geometry.sonar import project
 from asfm.navigation.odometry_hypotheses import (
     AS_RECORDED,
+    MARINE,
     MAX_FRAME_PAIRS,
     MAX_POINTS,
     MIN_INLIERS,
@@ -21,6 +22,7 @@ from asfm.navigation.odometry_hypotheses import (
     median_arc_distance_m,
     odometry_hypotheses,
     planar_inliers,
+    to_marine_axes,
 )
 from asfm.types import FloatArray, Keypoints, Matches
 from tests.worlds import (
@@ -39,6 +41,16 @@ def swap_sides(poses: FloatArray) -> FloatArray:
     return np.asarray(mirror_y @ poses @ mirror_y)
 
 
+def invert_rotations(poses: FloatArray) -> Rotation:
+    return Rotation.from_matrix(poses[:, :3, :3]).inv()
+
+
+def read_w_first(poses: FloatArray) -> FloatArray:
+    """Read rows w x y z as x y z w."""
+    written = np.roll(Rotation.from_matrix(poses[:, :3, :3]).as_quat(), 1, axis=1)
+    return make_pose(poses[:, :3, 3], Rotation.from_quat(written))
+
+
 def turn_body(degrees: float) -> Callable[[FloatArray], FloatArray]:
     turn = make_pose(np.zeros(3), Rotation.from_euler("z", degrees, degrees=True))
     return lambda poses: np.asarray(poses @ turn)
@@ -54,9 +66,12 @@ def turn_body(degrees: float) -> Callable[[FloatArray], FloatArray]:
         ("with its heading mirrored", mirror_angle(0)),
         ("with port and starboard swapped", swap_sides),
         ("inverted", invert),
-        ("with its body axes turned by 90 deg about z", turn_body(-90)),
-        ("with its body axes turned by 180 deg about z", turn_body(180)),
-        ("with its body axes turned by -90 deg about z", turn_body(90)),
+        ("with its rotations inverted", lambda poses: make_pose(poses[:, :3, 3], invert_rotations(poses))),
+        ("with its quaternions read as x y z w where w comes first", read_w_first),
+        (MARINE, to_marine_axes),
+        ("with its body axes (or the mounting of the sonar) turned by 90 deg about z", turn_body(-90)),
+        ("with its body axes (or the mounting of the sonar) turned by 180 deg about z", turn_body(180)),
+        ("with its body axes (or the mounting of the sonar) turned by -90 deg about z", turn_body(90)),
         ("taken as that of the sonar, without the lever arm", lambda poses: poses @ VEHICLE_LEVER_ARM),
     ],
 )
@@ -64,7 +79,7 @@ def test_each_hypothesis_undoes_its_fault(name: str, fault: Callable[[FloatArray
     truth = make_vehicle_path()
     hypotheses = odometry_hypotheses(fault(truth), VEHICLE_LEVER_ARM)
     np.testing.assert_allclose(hypotheses[name], truth, atol=1e-9)
-    assert len(hypotheses) == 11 and next(iter(hypotheses)) == AS_RECORDED
+    assert len(hypotheses) == 14 and next(iter(hypotheses)) == AS_RECORDED
 
 
 def test_without_a_lever_arm_none_can_be_missing() -> None:

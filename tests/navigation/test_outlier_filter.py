@@ -42,6 +42,21 @@ def test_adding_a_parabola_changes_nothing() -> None:
     np.testing.assert_allclose(deviation_again[outlier], deviation[outlier], rtol=0.02)
 
 
+@pytest.mark.parametrize("period", [10, 16, 20, 40])
+@pytest.mark.parametrize("phase_rad", np.arange(0.0, 6.0, 0.5))
+def test_rolling_vehicle_has_no_outliers_even_at_the_ends(period: int, phase_rad: float) -> None:
+    roll_deg = 10 * np.sin(2 * np.pi * np.arange(60) / period + phase_rad)
+    roll_deg += np.random.default_rng(period).normal(0, 0.2, 60)
+    assert not find_outliers(roll_deg[:, None], 0.2)[0].any()
+
+
+@pytest.mark.parametrize("index", [0, 1, 20, 58, 59])
+def test_outlier_of_a_rolling_vehicle_is_found(index: int) -> None:
+    roll_deg = 10 * np.sin(2 * np.pi * np.arange(60) / 30) + np.random.default_rng(0).normal(0, 0.2, 60)
+    roll_deg[index] += 30
+    assert np.flatnonzero(find_outliers(roll_deg[:, None], 0.2)[0]).tolist() == [index]
+
+
 def test_level_change_across_a_gap_is_no_outlier_and_too_few_neighbours_are_not_tested() -> None:
     values = np.concatenate([np.zeros(12), [5.0, 5.0], np.zeros(12)])[:, None]
     values += np.random.default_rng(4).normal(0, 0.01, values.shape)

@@ -12,6 +12,7 @@ from asfm.backend.graph.self_calibration import Calibration
 from asfm.backend.initialisation.initial_poses import InitialPoses
 from asfm.config import Config
 from asfm.pipeline import reconstruction
+from asfm.pipeline.image_faults import MatchedSequence
 from asfm.sequence import Sequence
 from asfm.stages import StageClock
 from tests.pipeline.stubs import Calls, stub_stages
@@ -96,6 +97,7 @@ def test_odometry_is_verified_and_what_is_missing_or_unreliable_comes_from_track
     start = initial_poses(odometry == "unreliable")
     stub("initialise_from_odometry", None if odometry == "none" else "recorded")
     stub("collect_point_pairs", lambda *_: "pairs")
+    jumps = stub("report_image_jumps", lambda recorded, *_: f"{recorded}, jumps reported")
     verified = stub("verify_odometry", start)
     stub("build_tracks", lambda *_: SimpleNamespace(count=3))
     from_tracks, replaced = stub("initialise_from_tracks", "from tracks"), stub("replace_unreliable_steps", "replaced")
@@ -105,7 +107,8 @@ def test_odometry_is_verified_and_what_is_missing_or_unreliable_comes_from_track
         rng = from_tracks[0][-1]
     else:
         assert found == "replaced" if odometry == "unreliable" else found is start
-        assert [call[:3] for call in verified] == [("recorded", sequence, "pairs")]
+        assert [call[:3] for call in jumps] == [("recorded", sequence, "pairs")]
+        assert [call[:3] for call in verified] == [("recorded, jumps reported", sequence, "pairs")]
         assert [call[0] for call in replaced] == ([start] if odometry == "unreliable" else [])
         rng = verified[0][-1]
     assert rng.integers(1 << 30) == np.random.default_rng(7).integers(1 << 30), "the seed is that of the configuration"
@@ -175,7 +178,9 @@ def test_a_run_hands_every_stage_the_results_of_those_before(external: Any, stub
     stub("move_to_local_origin", ("local", "origin"))
     read = stub("read_navigation", "navigation")
     predicted = stub("predict_poses", "prediction")
-    extracted = stub("extract_matches", (KEYPOINTS, ["match"]))
+    extracted = stub("extract_matches", (KEYPOINTS, ["match"] if external else ["gated"]))
+    turned = replace(sequence, name="turned")
+    rematched = stub("rematch_suspected", MatchedSequence(turned, KEYPOINTS, ["match"], ("turned",)))  # type: ignore
     estimated = stub("estimate", ("calibrated", "solution", ("found",)))
     summarised = stub("summarise", "summary about the local origin")
     shifted = stub("shift_reconstruction", "summary")
@@ -185,9 +190,14 @@ def test_a_run_hands_every_stage_the_results_of_those_before(external: Any, stub
     assert predicted == [("navigation", "local")]
     assert extracted[0][0] == "local"
     assert extracted[0][-2:] == ("prediction", external)
-    assert estimated[0][:4] == ("local", "navigation", KEYPOINTS, ["match"])
+    assert estimated[0][:4] == ("local" if external else turned, "navigation", KEYPOINTS, ["match"])
     assert estimated[0][-1] is (external is None), "only asfm's own matches are added to"
-    assert summarised[0][:2] == ("calibrated", "solution") and summarised[0][-1] == ("found",)
+    found = ("found",) if external else ("turned", "found")
+    assert summarised[0][:2] == ("calibrated", "solution") and summarised[0][-1] == found
+    assert len(rematched) == (external is None), "given matches are not made again"
+    if rematched:
+        assert rematched[0][0].sequence == "local" and rematched[0][0].matches == ["gated"]
+        assert rematched[0][1:4] == ("navigation", CONFIG, recorder)
     assert shifted == [("summary about the local origin", "origin")]
     assert shown == [(("calibrated", sequence), "summary")]
     assert run.reconstruction == "summary" and run.matches == ("match",)

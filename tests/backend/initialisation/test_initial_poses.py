@@ -18,7 +18,7 @@ from asfm.backend.initialisation.initial_poses import (
 from asfm.config import BackendConfig, Config
 from asfm.geometry.poses import chain_steps, depth_roll_pitch, invert, make_pose, transform
 from asfm.navigation.frame_navigation import read_navigation
-from asfm.navigation.odometry_hypotheses import PointPairs
+from asfm.navigation.odometry_hypotheses import PointPairs, to_marine_axes
 from asfm.navigation.sensor_constraints import UNRELIABLE_SIGMA_FACTOR, level_pose
 from asfm.sequence import Sequence
 from asfm.types import FloatArray, Navigation, SensorNoise, Tracks
@@ -100,7 +100,7 @@ def test_odometry_with_twice_the_stated_noise_is_not_rejected(floor: Floor) -> N
         (mirror_angle(0), "with its heading mirrored"),
         (lambda poses: LEFT_HANDED @ poses @ LEFT_HANDED, "with port and starboard swapped"),
         (invert, "inverted"),
-        (turn_body, "with its body axes turned by 90 deg about z"),
+        (turn_body, "with its body axes (or the mounting of the sonar) turned by 90 deg about z"),
     ],
     ids=["x", "y", "heading", "left-handed", "inverted", "turned"],
 )
@@ -112,12 +112,40 @@ def test_odometry_in_a_wrong_frame_is_named_and_corrected(
     if not navigation:
         sequence = replace(sequence, navigation=None)
     initial = initialise(sequence, floor)
-    message = next(found.message for found in initial.sensors.diagnostics if found.code == "odometry-image-conflict")
-    assert named in message and " m " in message
+    assert any(named in found.message and " m " in found.message for found in initial.sensors.diagnostics)
     assert np.median(initial.sensors.step_sigma[:, 1]) > 0.03
     steps, truth = (invert(p[:-1]) @ p[1:] for p in (initial.world_from_vehicle, make_vehicle_path()))
     error_m = np.linalg.norm((steps - truth)[:, :3, 3], axis=1)
     assert np.median(error_m) < 0.06, "the initial poses follow the images, not the wrong steps"
+
+
+@pytest.mark.parametrize("navigation", [True, False])
+def test_everything_in_marine_axes_is_converted(floor: Floor, navigation: bool) -> None:
+    sequence = with_odometry(make_vehicle_sequence(), to_marine_axes)
+    assert sequence.navigation is not None
+    readings = sequence.navigation
+    marine = replace(readings, z_m=-readings.z_m, pitch_rad=-readings.pitch_rad)
+    initial = initialise(replace(sequence, navigation=marine if navigation else None), floor)
+    (found,) = initial.sensors.diagnostics
+    assert found.code == "marine-axes" and "NED/FRD" in found.message and not initial.unreliable.any()
+    steps, truth = (invert(p[:-1]) @ p[1:] for p in (initial.world_from_vehicle, make_vehicle_path()))
+    assert np.median(np.linalg.norm((steps - truth)[:, :3, 3], axis=1)) < 0.06
+    if navigation:
+        np.testing.assert_allclose(initial.sensors.z_roll_pitch, depth_roll_pitch(make_vehicle_path()), atol=0.06)
+
+
+@pytest.mark.parametrize("factor", [0.5, 1000.0, 1 / 0.3048])
+def test_odometry_of_another_scale_is_corrected(floor: Floor, factor: float) -> None:
+    scale = np.diag([factor, factor, factor, 1.0])
+    sequence = with_odometry(make_vehicle_sequence(), lambda poses: scale @ poses @ np.linalg.inv(scale))
+    initial = initialise(replace(sequence, navigation=None), floor)
+    (found,) = initial.sensors.diagnostics
+    assert found.code == "odometry-scale"
+    length_m, true_m = (
+        np.linalg.norm((invert(p[:-1]) @ p[1:])[:, :3, 3], axis=1).sum()
+        for p in (initial.world_from_vehicle, make_vehicle_path())
+    )
+    assert 0.8 < length_m / true_m < 1.3
 
 
 def test_mirrored_height_is_found_by_navigation_and_resolved_by_the_images(floor: Floor) -> None:
