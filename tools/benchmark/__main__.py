@@ -37,6 +37,7 @@ from tools.benchmark.mistake_runs import (
     MISTAKE_SCENES,
     SENSOR_MODES,
     compare_mistakes,
+    hold_images,
     list_mistake_numbers,
     tabulate_cells,
 )
@@ -185,8 +186,9 @@ def _report_mistakes(options: argparse.Namespace) -> int:
     cells = []
     for scene in options.scenes:
         found = []
-        for cell in compare_mistakes(simulate(scene, frame_count=options.frames).sequence, tuple(options.modes)):
-            print(f"{scene}, {cell.mode}: {cell.mistake}", file=sys.stderr, flush=True)
+        sequence = hold_images(simulate(scene, frame_count=options.frames).sequence)
+        for cell in compare_mistakes(sequence, tuple(options.modes)):
+            print("\n".join(tabulate_cells(scene, [cell])[2:]), file=sys.stderr, flush=True)
             found.append(cell)
         print("\n".join([*tabulate_cells(scene, found), ""]), flush=True)
         cells += found

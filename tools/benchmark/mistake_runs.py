@@ -1,7 +1,7 @@
 """Runs of plausible mistakes: no result may be much worse than what the right sensors give without a word."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -69,6 +69,12 @@ class Cell:
     def silent_and_wrong(self) -> bool:
         """Whether the result is clearly worse than that of the right sensors, and nothing says so."""
         return not self.new_codes and self.outcome.ate_m > MAX_RATIO * self.reference_ate_m
+
+
+def hold_images(sequence: Sequence) -> Sequence:
+    """Read all images once, so that they are not rendered again for every run."""
+    frames = list(sequence)
+    return replace(sequence, read_frame=frames.__getitem__)
 
 
 def measure(sequence: Sequence, mode: str) -> Outcome:

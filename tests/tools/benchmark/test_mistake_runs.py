@@ -1,5 +1,6 @@
 """Runs of mistakes: what is compared with what, and when a cell is wrong without a word."""
 
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -60,6 +61,14 @@ def test_mistakes_are_made_where_their_sensor_is_used(monkeypatch: pytest.Monkey
     assert found["wrong depth", "all sensors"].reference_ate_m == rights["odometry"]
     assert 0 < found["wrong range", "odometry"].reference_ate_m < 1, "the odometry's own error"
     assert found["wrong order", "sonar alone"].reference_ate_m == 0
+
+
+def test_images_are_read_once() -> None:
+    read: list[int] = []
+    frame: Any = object()
+    sequence = replace(make_vehicle_sequence(), read_frame=lambda index: read.append(index) or frame)
+    held = mistake_runs.hold_images(sequence)
+    assert held.read_frame(3) is frame and held.read_frame(3) is frame and sorted(read) == list(range(len(sequence)))
 
 
 def replace_nothing(sequence: Any) -> Any:
