@@ -42,6 +42,8 @@ class Consistency:
 
     residuals: tuple[ResidualStatistics, ...] = ()
     calibration: tuple[CalibrationScore, ...] = ()
+    used_share: float = 1.0
+    """Observations that agree with the result, of those that tracks hold and a track may have."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return what report.json holds of it."""
@@ -49,4 +51,4 @@ class Consistency:
         scores = {
             item.parameter: {k: v for k, v in vars(item).items() if k != "parameter"} for item in self.calibration
         }
-        return {"residuals": residuals, "calibration": scores}
+        return {"residuals": residuals, "calibration": scores, "used_share": self.used_share}

@@ -19,8 +19,9 @@ def test_report_names_every_sensor_and_parameter() -> None:
             }
         },
         "calibration": {"range_scale": {"value": 0.1, "sigma": 0.02, "inconsistent": True}},
+        "used_share": 1.0,
     }
 
 
 def test_nothing_is_consistent_by_default() -> None:
-    assert Consistency().as_dict() == {"residuals": {}, "calibration": {}}
+    assert Consistency().as_dict() == {"residuals": {}, "calibration": {}, "used_share": 1.0}

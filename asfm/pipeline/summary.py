@@ -38,7 +38,7 @@ def summarise(
     with clock.stage("landmarks") as report:
         span, information = min(SPAN, len(sequence) - 1), marginalise_points(solution.bundle)
         uncertainty = measure_uncertainty(solution.bundle, solution.elevation_information_ratio, span, information)
-        consistency = measure_consistency(solution, sequence.timestamps_s, information)
+        consistency = measure_consistency(solution, sequence.timestamps_s, information, config.backend.max_views)
         mirror = find_mirror(solution, config.backend.scene)
         stated = inflate_for_mirror(uncertainty, solution, mirror)
         landmarks = describe_landmarks(solution, stated.point_m2, sequence, config)

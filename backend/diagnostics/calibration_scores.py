@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse.linalg import splu
 
+from asfm.backend.diagnostics.calibration_parameters import PARAMETERS
 from asfm.backend.diagnostics.linearised_residuals import ResidualBlock
 from asfm.backend.graph.schur_complement import PoseInformation
 from asfm.types import FloatArray, IntArray
@@ -26,7 +27,7 @@ class CalibrationScores:
     gradient: FloatArray
     """(K,) first derivatives."""
     information: FloatArray
-    """(K, K) second derivatives, with poses and points marginalised out."""
+    """(K, K) second derivatives, with poses and points marginalised out and the priors of the parameters added."""
     observed: IntArray
     """Indices of the parameters that the measurements constrain."""
 
@@ -43,7 +44,7 @@ def score_calibration(blocks: tuple[ResidualBlock, ...], information: PoseInform
         blocks: linearised residuals of all sensors.
         information: that of the poses and points, at the same optimum.
     """
-    count = blocks[0].by_parameter.shape[2]
+    count = len(PARAMETERS)
     gradient, own = np.zeros(count), np.zeros((count, count))
     with_poses = np.zeros((information.poses.shape[0], count))
     with_points = np.zeros((len(information.track), 3, count))
@@ -62,4 +63,5 @@ def score_calibration(blocks: tuple[ResidualBlock, ...], information: PoseInform
     explained += with_poses.T @ splu(information.poses).solve(with_poses)
     remaining = own - explained
     observed = np.flatnonzero(np.diag(remaining) > MIN_RELATIVE_INFORMATION * np.maximum(np.diag(own), 1e-300))
-    return CalibrationScores(gradient, (remaining + remaining.T) / 2, observed)
+    prior = np.diag([parameter.prior_sigma**-2.0 for parameter in PARAMETERS])
+    return CalibrationScores(gradient, (remaining + remaining.T) / 2 + prior, observed)

@@ -14,15 +14,19 @@ from asfm.consistency import CalibrationScore, Consistency, ResidualStatistics
 from asfm.diagnostics import Diagnostic, FrameRuns
 from asfm.types import FloatArray, Landmarks
 
-MIN_SCORE_SIGMAS = 4.0
+MIN_SCORE_SIGMAS = 3.3
 """A calibration error is reported from this many of its standard deviations on."""
 RIVAL_SHARE = 0.6
 """Other explanations are named beside the best one from this share of its standard deviations on."""
 MAX_EXPLANATIONS = 4
 """Explanations named at most."""
+MIN_USED_SHARE, MIN_OBSERVATIONS = 0.3, 100
+"""Where fewer observations than this share agree with the result, of at least so many, the images contradict it."""
 
 
-def measure_consistency(solution: Solution, timestamps_s: FloatArray, information: PoseInformation) -> Consistency:
+def measure_consistency(
+    solution: Solution, timestamps_s: FloatArray, information: PoseInformation, max_views: int
+) -> Consistency:
     """Compare a solution with the stated noise and calibration of its measurements.
 
     The calibration is examined where other sensors measured the motion too: the sonar alone cannot contradict itself.
@@ -31,12 +35,23 @@ def measure_consistency(solution: Solution, timestamps_s: FloatArray, informatio
         solution: poses and points at the optimum.
         timestamps_s: (N,) stamps of the frames.
         information: that of the poses and points at the same optimum.
+        max_views: observations of a track that the adjustment uses at most.
     """
     blocks = linearise_residuals(solution, timestamps_s)
     residuals = measure_residuals(blocks, len(timestamps_s))
     if len(blocks) < 2 or not solution.observed.any():
         return Consistency(residuals)
-    return Consistency(residuals, _list_scores(score_calibration(blocks, information)))
+    scores = _list_scores(score_calibration(blocks, information))
+    return Consistency(residuals, scores, measure_used_share(solution, max_views))
+
+
+def measure_used_share(solution: Solution, max_views: int) -> float:
+    """Return the share of the observations that the adjustment used; 1 where there are too few to tell."""
+    tracks = solution.tracks
+    possible = int(np.minimum(np.bincount(tracks.track), max_views).sum())
+    if possible < MIN_OBSERVATIONS:
+        return 1.0
+    return min(float(np.count_nonzero(solution.observed) / possible), 1.0)
 
 
 def _list_scores(scores: CalibrationScores) -> tuple[CalibrationScore, ...]:
@@ -70,6 +85,12 @@ def warn_of_inconsistency(consistency: Consistency) -> tuple[Diagnostic, ...]:
             f"the images contradict the result: {_describe(sonar)}; check the order and the geometry of the images"
         )
         found.append(Diagnostic("images-inconsistent", message, _frames(sonar)))
+    if consistency.used_share < MIN_USED_SHARE:
+        message = (
+            f"only {100 * consistency.used_share:.0f} % of what was tracked in the images agrees with the result; "
+            f"{100 * MIN_USED_SHARE:.0f} % or more are expected: images and other sensors contradict each other"
+        )
+        found.append(Diagnostic("images-inconsistent", message))
     return (*found, *_warn_of_calibration(consistency.calibration))
 
 
@@ -114,4 +135,5 @@ def withdraw_well_constrained(landmarks: Landmarks, consistency: Consistency) ->
     """Mark no landmark as well constrained where measurements contradict the poses: its sigma is not to be trusted."""
     sensors = any(item.inconsistent for item in consistency.residuals)
     contradicted = sensors or any(item.inconsistent for item in consistency.calibration)
+    contradicted |= consistency.used_share < MIN_USED_SHARE
     return replace(landmarks, well_constrained=landmarks.well_constrained & (not contradicted))

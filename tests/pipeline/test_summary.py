@@ -40,7 +40,9 @@ def test_covariances_state_the_mirror_image_and_every_check_is_heard(
     before: Any = ("found before",)
     found: Any = summarise(sequence, solution, config, clock, before)
     assert informed == [(bundle,)] and measured == [(bundle, ratio, SPAN, "information")]
-    assert compared == [(solution, sequence.timestamps_s, "information")] and contradicted == [("consistency",)]
+    assert compared == [
+        (solution, sequence.timestamps_s, "information", config.backend.max_views)
+    ] and contradicted == [("consistency",)]
     assert withdrawn == [(landmarks, "consistency")] and found.consistency == "consistency"
     assert mirrors == [(solution, scene)]
     assert inflated == [(within, solution, "mirror")]

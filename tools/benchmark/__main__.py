@@ -9,6 +9,7 @@ times of its stages, the time of a frame over that of A-KAZE alone, and the matc
 ``python -m tools.benchmark backend [DATA_FOLDER]`` lists the requirements on the back-end beside what it reaches over
 simulated sequences (and recordings with true poses, if their folder is given): pose errors, covariances, landmarks.
 ``python -m tools.benchmark backend-speed`` times the bundle adjustment against factors in Python, and a long sequence.
+``python -m tools.benchmark mistakes`` makes plausible mistakes in two simulated sequences; none may go without a word.
 ``python -m tools.benchmark run SEQUENCE [--set SECTION.KEY=VALUE]...`` measures one ``asfm run`` in a child process.
 ``python -m tools.benchmark public DATA_FOLDER`` measures ``asfm run`` on the public recordings, in one table.
 """
@@ -25,12 +26,21 @@ import numpy as np
 
 from asfm.config_file import load_config
 from asfm.errors import AsfmError
+from asfm.simulation.simulate import simulate
 from tools.benchmark.accuracy import MODES, describe_accuracy
 from tools.benchmark.backend import list_backend_numbers, list_tasks, measure_tasks
 from tools.benchmark.false_alarm_rates import list_rates
 from tools.benchmark.frontend import SEQUENCES, list_frontend_numbers
 from tools.benchmark.kernels import COMPARISONS, Comparison, choose_comparisons, time_in_turns
 from tools.benchmark.long_sequence import BATCH_FRAMES, BATCH_OBSERVATIONS, list_batch_numbers
+from tools.benchmark.mistake_runs import (
+    MISTAKE_SCENES,
+    SENSOR_MODES,
+    compare_mistakes,
+    hold_images,
+    list_mistake_numbers,
+    tabulate_cells,
+)
 from tools.benchmark.native_factors import compare_factors
 from tools.benchmark.runs import RunFailed, describe_run, measure_run, tabulate_public
 from tools.benchmark.simulated_cases import SCENE_NAMES, SONAR_NAMES, list_cases, list_narrow_cases
@@ -69,6 +79,8 @@ def main(arguments: list[str] | None = None) -> int:
         return 0 if all_ran else 1
     if options.what == "backend":
         return _report_backend(options)
+    if options.what == "mistakes":
+        return _report_mistakes(options)
     if options.what == "backend-speed":
         return _show_table([*compare_factors(), *list_batch_numbers(options.frames, options.observations)])
     cv2.setNumThreads(options.threads)
@@ -97,6 +109,10 @@ def make_parser() -> argparse.ArgumentParser:
     _add_timing(frontend)
     backend = commands.add_parser("backend", help="requirements on the back-end beside what it reaches")
     _add_sequences(backend)
+    mistakes = commands.add_parser("mistakes", help="run plausible mistakes: none may be wrong without a word")
+    mistakes.add_argument("--frames", type=int, default=60, help="of each of the two sequences")
+    mistakes.add_argument("--scenes", nargs="+", default=MISTAKE_SCENES, metavar="SCENE", help="scenes to simulate")
+    mistakes.add_argument("--modes", nargs="+", choices=SENSOR_MODES, default=tuple(SENSOR_MODES), metavar="MODE")
     speed = commands.add_parser(
         "backend-speed", help="time the bundle adjustment against factors in Python, and a long sequence"
     )
@@ -164,6 +180,19 @@ def _report_backend(options: argparse.Namespace) -> int:
         return 1
     print()
     return _show_table(list(list_backend_numbers(runs)))
+
+
+def _report_mistakes(options: argparse.Namespace) -> int:
+    cells = []
+    for scene in options.scenes:
+        found = []
+        sequence = hold_images(simulate(scene, frame_count=options.frames).sequence)
+        for cell in compare_mistakes(sequence, tuple(options.modes)):
+            print("\n".join(tabulate_cells(scene, [cell])[2:]), file=sys.stderr, flush=True)
+            found.append(cell)
+        print("\n".join([*tabulate_cells(scene, found), ""]), flush=True)
+        cells += found
+    return _show_table(list_mistake_numbers(cells))
 
 
 def _show_table(numbers: Sequence[Requirement]) -> int:

@@ -11,7 +11,9 @@ from tests.worlds import make_vehicle_sequence
 def test_names_and_words_are_unique() -> None:
     assert len(NUMBER) == len(PARAMETERS) and [NUMBER[item.name] for item in PARAMETERS] == list(range(len(NUMBER)))
     words = [text for item in PARAMETERS for text in (item.positive, item.negative)]
-    assert len(set(words)) == len(words) and all(item.tolerance > 0 and item.unit_size > 0 for item in PARAMETERS)
+    assert len(set(words)) == len(words) and all(
+        item.prior_sigma > item.tolerance > 0 and item.unit_size > 0 for item in PARAMETERS
+    )
 
 
 def test_every_parameter_is_examined() -> None:

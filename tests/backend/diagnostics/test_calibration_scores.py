@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asfm.backend.diagnostics.calibration_parameters import NUMBER
+from asfm.backend.diagnostics.calibration_parameters import NUMBER, PARAMETERS
 from asfm.backend.diagnostics.calibration_scores import CalibrationScores, score_calibration
 from asfm.backend.diagnostics.linearised_residuals import linearise_residuals
 from asfm.backend.estimation.solution import Solution
@@ -75,6 +75,7 @@ def test_scores_are_those_of_the_dense_normal_equations() -> None:
                 at = size + 3 * int(np.searchsorted(information.track, block.track[m]))
                 coupling[at : at + 3] += block.by_point[m].T @ weighted
     expected = own_information - coupling.T @ np.linalg.solve(full, coupling)
+    expected += np.diag([parameter.prior_sigma**-2.0 for parameter in PARAMETERS])
     np.testing.assert_allclose(found.information, expected, rtol=1e-5, atol=1e-6 * np.abs(own_information).max())
 
 

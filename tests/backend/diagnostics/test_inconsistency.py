@@ -7,6 +7,7 @@ import pytest
 
 from asfm.backend.diagnostics.inconsistency import (
     measure_consistency,
+    measure_used_share,
     warn_of_inconsistency,
     withdraw_well_constrained,
 )
@@ -20,7 +21,7 @@ from tests.worlds import make_landmarks, make_vehicle_sequence, observe_floor
 
 def measure(solution: Solution) -> Consistency:
     stamps_s = make_vehicle_sequence().timestamps_s
-    return measure_consistency(solution, stamps_s, marginalise_points(solution.bundle))
+    return measure_consistency(solution, stamps_s, marginalise_points(solution.bundle), 40)
 
 
 def with_attitude_in_degrees(sequence: Sequence) -> Sequence:
@@ -96,9 +97,24 @@ def test_rival_explanations_are_named_best_first_and_ordinary_ones_are_not() -> 
     )
 
 
+def test_images_of_which_little_agrees_contradict_the_result() -> None:
+    solution = solve_vehicle()
+    few = solution.observed & (np.arange(len(solution.observed)) % 5 == 0)
+    assert measure_used_share(solution, 40) == 1.0
+    share = measure_used_share(replace(solution, observed=few), 1000)
+    assert share == pytest.approx(0.2, abs=0.01)
+    assert measure_used_share(replace(solution, observed=few), 4) > share, "long tracks are not used whole"
+    (warning,) = warn_of_inconsistency(Consistency((), (), share))
+    assert warning.code == "images-inconsistent" and "only 20 %" in warning.message
+
+
 @pytest.mark.parametrize(
     "consistency",
-    [Consistency((statistics("depth", True),)), Consistency((), (CalibrationScore("lever_x", 0.5, 0.1, True),))],
+    [
+        Consistency((), (), 0.2),
+        Consistency((statistics("depth", True),)),
+        Consistency((), (CalibrationScore("lever_x", 0.5, 0.1, True),)),
+    ],
 )
 def test_contradicted_poses_have_no_well_constrained_landmarks(consistency: Consistency) -> None:
     landmarks = withdraw_well_constrained(make_landmarks(5, 2), consistency)
