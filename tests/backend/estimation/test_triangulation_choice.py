@@ -1,4 +1,4 @@
-"""Choice of a track's elevation in triangulation: whose arcs are searched, what an outlier costs, how weak the prior is."""
+"""Choice of a track's elevation in triangulation: arcs searched, cost of an outlier, weight of the prior."""
 
 import numpy as np
 import pytest
@@ -50,7 +50,7 @@ def test_bearings_are_compared_in_their_own_sigmas() -> None:
 
 
 def test_an_inlier_costs_its_square_up_to_the_truncation() -> None:
-    """Four more views within 1.9 sigmas of a low point outweigh three exact ones of a high point: 14 + 18 against 36."""
+    """Four views within 1.9 sigmas of a low point outweigh three exact ones of a high point: 14 + 18 < 36."""
     poses, (low, high) = rolled_poses(np.linspace(-0.6, 0.6, 7)), (point_at(-0.7), point_at(0.7))
     of_high = np.isin(np.arange(7), [0, 6])
     noise_rad = 1.9 * SIGMA[1] * np.array([0, 1, -1, 0, -1, 1, 0])
@@ -69,7 +69,7 @@ def test_the_prior_counts_once_a_track_and_not_once_a_view() -> None:
 
 
 def test_the_elevation_is_the_mean_of_data_and_prior_by_their_information() -> None:
-    """Linear estimation: with I the information of small rolls and P that of the prior, the share I / (I + P) is left."""
+    """With I the information of small rolls and P that of the prior, the share I / (I + P) is left."""
     count, sigma = 60, np.array([0.5, 0.2])
     roll_rad = 0.06 * np.linspace(-1, 1, count)
     poses, low = rolled_poses(roll_rad), point_at(-0.7)
