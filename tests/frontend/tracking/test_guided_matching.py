@@ -12,6 +12,7 @@ from asfm.geometry.poses import invert, transform
 from asfm.geometry.sonar import back_project, project
 from asfm.types import Matches, Tracks
 from tests.frontend.tracking.landmark_scene import (
+    ALL_AROUND,
     FRAMES,
     MIDDLE,
     POINTS,
@@ -19,6 +20,7 @@ from tests.frontend.tracking.landmark_scene import (
     LandmarkScene,
     make_scene,
     one_track_per_point,
+    turn_astern,
     without_frame,
 )
 from tests.worlds import make_keypoints
@@ -166,3 +168,11 @@ def test_stated_sigmas_are_those_of_the_new_keypoint() -> None:
     for match in found:
         assert match.sigma is not None
         np.testing.assert_allclose(match.sigma, np.tile(triangulated.default_sigma, (len(match), 1)))
+
+
+def test_landmarks_behind_the_sonar_are_matched_like_those_ahead_of_it() -> None:
+    """Bearings jump from pi to -pi astern."""
+    ahead = replace(make_scene(noise=1.0).triangulate(without_frame(MIDDLE)), sonar=ALL_AROUND)
+    found, expected = match_to_landmarks(turn_astern(ahead), WINDOW), match_to_landmarks(ahead, WINDOW)
+    assert [match.index.tolist() for match in found] == [match.index.tolist() for match in expected]
+    assert sum(len(match) for match in found) > 0.8 * POINTS

@@ -17,6 +17,7 @@ from asfm.geometry.poses import invert, transform
 from asfm.geometry.sonar import SonarModel, project
 from asfm.types import FloatArray
 from tests.frontend.tracking.landmark_scene import (
+    ALL_AROUND,
     CONFIG,
     FRAMES,
     MIDDLE,
@@ -24,6 +25,7 @@ from tests.frontend.tracking.landmark_scene import (
     SONAR,
     make_scene,
     one_track_per_point,
+    turn_astern,
     without_frame,
 )
 from tests.worlds import range_bearing
@@ -163,3 +165,10 @@ def test_points_outside_image_or_aperture_are_not_predicted() -> None:
     observed_elsewhere = np.isin(np.arange(POINTS), triangulated.tracks.track[elsewhere])
     assert predicted.track.tolist() == np.flatnonzero(inside & observed_elsewhere).tolist()
     assert 0 < len(predicted.track) < POINTS / 2
+
+
+def test_inliers_behind_the_sonar_are_those_ahead_of_it() -> None:
+    """Bearings jump from pi to -pi astern."""
+    ahead = replace(make_scene(noise=2.5).triangulate(one_track_per_point()), sonar=ALL_AROUND)
+    assert 0.05 < np.mean(~ahead.inlier) < 0.95
+    np.testing.assert_array_equal(turn_astern(ahead).inlier, ahead.inlier)
