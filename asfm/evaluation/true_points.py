@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from asfm.evaluation.true_positions import TRUTH_TOLERANCE, look_up_elevation
-from asfm.geometry.poses import invert, transform, wrap_angle
+from asfm.geometry.poses import angle_difference, invert, transform, wrap_angle
 from asfm.geometry.sonar import SonarModel, back_project, project
 from asfm.types import BoolArray, FloatArray, FrameTruth, IntArray, Tracks
 
@@ -73,7 +73,7 @@ def measure_noise(tracks: Tracks, truth: TruePoints) -> FloatArray | None:
         return None
     degrees_of_freedom = float(np.sum(views[views >= 2] - 1))
     range_error_m = (tracks.range_m - truth.range_m)[chosen]
-    bearing_error_rad = (tracks.bearing_rad - truth.bearing_rad)[chosen]
+    bearing_error_rad = angle_difference(tracks.bearing_rad, truth.bearing_rad)[chosen]
     return np.sqrt(np.array([np.sum(range_error_m**2), np.sum(bearing_error_rad**2)]) / degrees_of_freedom)
 
 
@@ -102,7 +102,7 @@ def _choose_proposals(
         candidate = first + number * length // candidate_count
         _, range_m, bearing_rad = _classify(tracks, pose, proposed_m[candidate])
         square = ((range_m - tracks.range_m) / TRUTH_TOLERANCE.range_m) ** 2
-        square += ((bearing_rad - tracks.bearing_rad) / TRUTH_TOLERANCE.bearing_rad) ** 2
+        square += (angle_difference(bearing_rad, tracks.bearing_rad) / TRUTH_TOLERANCE.bearing_rad) ** 2
         cost = np.bincount(tracks.track, np.minimum(square, 1.0), minlength=tracks.count)
         cost[~echoes[candidate]] = np.inf
         better = cost < best_cost

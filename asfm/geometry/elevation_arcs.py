@@ -52,7 +52,10 @@ def arc_distances(arcs: FloatArray, pixel_b: FloatArray, sigma: FloatArray) -> F
     Returns:
         (M,) residuals in sigmas.
     """
-    whitened = (arcs - pixel_b[:, None, :]) / np.asarray(sigma).reshape(-1, 1, 2)
+    difference = arcs - pixel_b[:, None, :]
+    if (np.abs(difference[..., 1]) > np.pi).any():
+        difference[..., 1] = np.unwrap(wrap_angle(difference[..., 1]), axis=1)
+    whitened = difference / np.asarray(sigma).reshape(-1, 1, 2)
     start, step = whitened[:, :-1], np.diff(whitened, axis=1)
     squared_length = np.maximum(np.einsum("mgi,mgi->mg", step, step), 1e-30)
     fraction = np.clip(-np.einsum("mgi,mgi->mg", start, step) / squared_length, 0, 1)
@@ -103,6 +106,10 @@ def arc_box_candidates(arcs: FloatArray, pixel_b: FloatArray, margin: FloatArray
     low, high = arcs.min(axis=1) - margin, arcs.max(axis=1) + margin
     inside = pixel_b[:, 0] >= low[:, :1]
     inside &= pixel_b[:, 0] <= high[:, :1]
-    inside &= pixel_b[:, 1] >= low[:, 1:]
-    inside &= pixel_b[:, 1] <= high[:, 1:]
-    return np.asarray(inside)
+    at_bearing = np.zeros_like(inside)
+    # An arc behind the sonar may reach beyond pi, where its pixels have bearings near -pi.
+    beyond = low[:, 1].min(initial=0.0) < -np.pi or high[:, 1].max(initial=0.0) > np.pi
+    for turn_rad in (0.0, -2 * np.pi, 2 * np.pi) if beyond else (0.0,):
+        bearing_rad = pixel_b[:, 1] + turn_rad
+        at_bearing |= (bearing_rad >= low[:, 1:]) & (bearing_rad <= high[:, 1:])
+    return np.asarray(inside & at_bearing)

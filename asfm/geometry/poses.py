@@ -93,6 +93,16 @@ def wrap_angle(angle_rad: FloatArray) -> FloatArray:
     return np.asarray(np.remainder(angle_rad + np.pi, 2 * np.pi) - np.pi)
 
 
+def angle_difference(first_rad: FloatArray, second_rad: FloatArray) -> FloatArray:
+    """Subtract angles, broadcast together, the short way round: in -pi..pi, and exactly first - second where that is.
+
+    Bearings of a sonar that sees behind itself jump from pi to -pi there.
+    """
+    difference_rad = np.asarray(first_rad - second_rad)
+    beyond = np.abs(difference_rad) > np.pi
+    return np.where(beyond, wrap_angle(difference_rad), difference_rad) if beyond.any() else difference_rad
+
+
 def cross_matrix(vector: FloatArray) -> FloatArray:
     """Return the (..., 3, 3) matrices that multiply like the cross product with (..., 3) vectors."""
     x, y, z = np.moveaxis(vector, -1, 0)

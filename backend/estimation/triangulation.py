@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from asfm.geometry.poses import invert, transform
+from asfm.geometry.poses import angle_difference, invert, transform
 from asfm.geometry.sonar import SonarModel, project, project_jacobian
 from asfm.types import BoolArray, FloatArray, IntArray, Tracks
 
@@ -118,7 +118,8 @@ def whitened_residuals(
         (O, 2) residuals of range and bearing in sigmas, (O,) elevation_rad of the point in the observing frame.
     """
     range_m, bearing_rad, elevation_rad = project(transform(sonar_from_world, xyz_m[tracks.track]))
-    residual = np.stack([range_m - tracks.range_m, bearing_rad - tracks.bearing_rad], axis=-1) / sigma
+    difference_rad = angle_difference(bearing_rad, tracks.bearing_rad)
+    residual = np.stack([range_m - tracks.range_m, difference_rad], axis=-1) / sigma
     return residual, elevation_rad
 
 
@@ -168,7 +169,7 @@ def _search_elevations(
     rotated = np.einsum("oij,ogj->ogi", sonar_from_world[:, :3, :3], candidates[track])
     range_m, bearing_rad, elevation_rad = project(rotated + sonar_from_world[:, None, :3, 3])
     cost = ((range_m - tracks.range_m[observed, None]) / sigma[:, :1]) ** 2
-    cost += ((bearing_rad - tracks.bearing_rad[observed, None]) / sigma[:, 1:]) ** 2
+    cost += (angle_difference(bearing_rad, tracks.bearing_rad[observed, None]) / sigma[:, 1:]) ** 2
     half = gate.half_aperture_rad
     cost += (np.maximum(np.abs(elevation_rad) - half, 0) / gate.edge_rad) ** 2
     # Of elevations that fit equally well, take the middle one: a Gauss-Newton step from the edge would leave the arc.
@@ -196,7 +197,8 @@ def _refine(xyz_m: FloatArray, observations: _Observations, inlier: BoolArray) -
     # The elevation is not measured: a weak prior keeps points in the beam where the motion does not determine it.
     prior = np.full(len(tracks), ELEVATION_PRIOR_SIGMAS / half)
     scale = np.stack([1 / sigma[:, 0], 1 / sigma[:, 1], prior], axis=1)
-    residual = np.stack([range_m - tracks.range_m, bearing_rad - tracks.bearing_rad, elevation_rad], axis=1)
+    difference_rad = angle_difference(bearing_rad, tracks.bearing_rad)
+    residual = np.stack([range_m - tracks.range_m, difference_rad, elevation_rad], axis=1)
     views = np.add.reduceat(inlier.astype(float), first)
     scale[:, 2] /= np.sqrt(np.maximum(views, 1.0))[tracks.track]
     scale = scale * inlier[:, None]

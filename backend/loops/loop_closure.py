@@ -11,7 +11,7 @@ import numpy as np
 from asfm.backend.graph.bundle_adjustment import Bundle
 from asfm.backend.graph.factors import bearing_factor, range_factor
 from asfm.backend.graph.problem import FIRST_POINT, FIRST_POSE
-from asfm.geometry.poses import invert, transform
+from asfm.geometry.poses import angle_difference, invert, transform
 from asfm.geometry.sonar import project
 from asfm.types import FloatArray, Tracks
 
@@ -79,8 +79,5 @@ def _residuals(
     """Return the (O,) norms of the whitened range and bearing residuals of the loop observations."""
     sonar_from_world = invert(world_from_vehicle @ vehicle_from_sonar)[loop_observations.frame]
     range_m, bearing_rad, _ = project(transform(sonar_from_world, xyz_m[loop_observations.track]))
-    return np.asarray(
-        np.hypot(
-            (range_m - loop_observations.range_m) / sigma[0], (bearing_rad - loop_observations.bearing_rad) / sigma[1]
-        )
-    )
+    difference_rad = angle_difference(bearing_rad, loop_observations.bearing_rad)
+    return np.asarray(np.hypot((range_m - loop_observations.range_m) / sigma[0], difference_rad / sigma[1]))

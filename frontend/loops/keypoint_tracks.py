@@ -8,6 +8,7 @@ import numpy as np
 
 from asfm.config import NoiseConfig
 from asfm.geometry.feature_noise import difference_sigma
+from asfm.geometry.poses import angle_difference
 from asfm.geometry.sonar import SonarModel
 from asfm.types import BoolArray, IntArray, Keypoints, Matches, Tracks
 
@@ -56,7 +57,7 @@ class KeypointTracks:
         a, b = a[in_a], b[in_b]
         sigma = difference_sigma(self.sonar, self.noise)
         range_sigmas = (self.tracks.range_m[a] - self.tracks.range_m[b]) / sigma[0]
-        bearing_sigmas = (self.tracks.bearing_rad[a] - self.tracks.bearing_rad[b]) / sigma[1]
+        bearing_sigmas = angle_difference(self.tracks.bearing_rad[a], self.tracks.bearing_rad[b]) / sigma[1]
         return bool(np.median(np.hypot(range_sigmas, bearing_sigmas)) > MIN_SEPARATION_SIGMAS)
 
     @cached_property

@@ -6,6 +6,7 @@ import numpy as np
 
 from asfm.frontend.matching.nearest import descriptor_distances
 from asfm.frontend.tracking.triangulated_tracks import SIGMA_SCALE, Prediction, TriangulatedTracks, predict_observations
+from asfm.geometry.poses import angle_difference
 from asfm.types import BoolArray, Descriptors, FloatArray, IntArray, Matches
 
 GUIDED_COST_OFFSET = 2.0
@@ -97,7 +98,7 @@ def _inside_gate(triangulated: TriangulatedTracks, predicted: Prediction, frame:
     """Return which keypoints (P, K) lie inside the gate of each predicted point: noise plus point covariance."""
     here = triangulated.keypoints[frame]
     range_m = here.range_m - predicted.range_m[:, None]
-    bearing_rad = here.bearing_rad - predicted.bearing_rad[:, None]
+    bearing_rad = angle_difference(here.bearing_rad, predicted.bearing_rad[:, None])
     noise = (SIGMA_SCALE * np.maximum(sigma, triangulated.default_sigma)) ** 2
     range_m2, bearing_rad2 = predicted.covariance[:, :1, 0] + noise[:, 0], predicted.covariance[:, 1:, 1] + noise[:, 1]
     mixed = predicted.covariance[:, :1, 1]

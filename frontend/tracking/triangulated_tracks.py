@@ -8,7 +8,7 @@ import numpy as np
 
 from asfm.config import Config
 from asfm.geometry.feature_noise import feature_sigma, gate_sigma
-from asfm.geometry.poses import invert, transform
+from asfm.geometry.poses import angle_difference, invert, transform
 from asfm.geometry.sonar import SonarModel, project, project_jacobian
 from asfm.types import BoolArray, FloatArray, IntArray, Keypoints, Tracks
 
@@ -68,7 +68,8 @@ class TriangulatedTracks:
     def inlier(self) -> BoolArray:
         """(O,) which observations agree with the projection of their track's point."""
         range_m, bearing_rad, elevation_rad = project(self._xyz_in_sonar)
-        residual = np.stack([range_m - self.tracks.range_m, bearing_rad - self.tracks.bearing_rad], axis=1)
+        difference_rad = angle_difference(bearing_rad, self.tracks.bearing_rad)
+        residual = np.stack([range_m - self.tracks.range_m, difference_rad], axis=1)
         near = ((residual / (SIGMA_SCALE * self.sigma)) ** 2).sum(axis=1) <= self.config.matching.arc_gate**2
         inside = np.abs(elevation_rad) <= self.sonar.elevation_aperture_rad / 2 + APERTURE_MARGIN_RAD
         return np.asarray(near & inside & self.has_point[self.tracks.track])

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from asfm.evaluation.arc_consistency import Tolerance, find_arc_inliers
-from asfm.geometry.elevation_arcs import arc_box_candidates, arc_residuals, project_arcs
-from asfm.geometry.poses import make_pose, transform
+from asfm.geometry.elevation_arcs import arc_box_candidates, arc_distances, arc_residuals, project_arcs
+from asfm.geometry.poses import make_pose, transform, wrap_angle
 from asfm.geometry.sonar import SonarModel, back_project
 from asfm.navigation.pose_prediction import PosePrediction
 from asfm.types import FloatArray
@@ -186,3 +186,28 @@ def test_projected_arcs_behind_a_frame_have_no_jump() -> None:
     assert np.ptp(arcs[..., 1], axis=1).max() < 1
     np.testing.assert_allclose(np.exp(1j * arcs[..., 1]), np.exp(1j * expected[..., 1]), atol=1e-9)
     np.testing.assert_allclose(arcs[..., 0], expected[..., 0])
+
+
+def test_arcs_behind_the_sonar_are_those_ahead_turned_by_half_a_turn() -> None:
+    """Bearings of a sonar that sees all around jump from pi to -pi astern; distances and boxes do not."""
+    rng = np.random.default_rng(3)
+    half_turn = make_pose(np.zeros(3), Rotation.from_rotvec([0.0, 0.0, np.pi]))
+    xyz_m = back_project(rng.uniform(2, 8, 200), rng.uniform(-0.2, 0.2, 200), rng.uniform(-0.2, 0.2, 200))
+    b_from_a = small_motions(rng, 1)[0]
+    seen = transform(b_from_a, xyz_m)
+    turned = range_bearing(transform(half_turn, xyz_m)), range_bearing(transform(half_turn, seen))
+    residuals, boxes = [], []
+    noise = rng.normal(scale=2.0, size=(200, 2)) * SIGMA
+    for pose, pixel_a, pixel_b in (
+        (b_from_a, range_bearing(xyz_m), range_bearing(seen)),
+        (half_turn @ b_from_a @ half_turn, *turned),
+    ):
+        noisy = np.stack([pixel_b[:, 0] + noise[:, 0], wrap_angle(pixel_b[:, 1] + noise[:, 1])], axis=1)
+        residuals.append(arc_residuals(SONAR, np.tile(pose, (200, 1, 1)), pixel_a, noisy, SIGMA))
+        arcs = project_arcs(SONAR, pose, pixel_a)
+        np.testing.assert_allclose(arc_distances(arcs, noisy, SIGMA), residuals[-1], atol=0.1)
+        boxes.append(arc_box_candidates(arcs, noisy, np.tile(3 * SIGMA, (200, 1))))
+    assert np.ptp(turned[1][:, 1]) > 6
+    np.testing.assert_allclose(residuals[1], residuals[0], atol=1e-6)
+    np.testing.assert_array_equal(boxes[1], boxes[0])
+    assert boxes[0].any(axis=1).mean() > 0.9 and boxes[0].mean() < 0.5

@@ -77,6 +77,19 @@ def test_the_sample_with_the_least_truncated_cost_is_chosen() -> None:
     np.testing.assert_allclose(estimate_planar_motion_msac(xy_a, xy_b, tolerance_m, smaller)[0], poses[1], atol=1e-9)
 
 
+def test_of_two_motions_with_as_many_inliers_the_one_they_fit_better_is_taken() -> None:
+    rng = np.random.default_rng(4)
+    xy_b = rng.uniform([2, -3], [8, 3], (12, 2))
+    noisy = np.arange(12) < 6
+    ring = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    noise_m = 0.04 * np.stack([np.cos(2 * ring), np.sin(2 * ring)], axis=1) * noisy[:, None]
+    first, second = planar_pose(0.3, 1.0, 0.0), planar_pose(-0.2, -1.0, 0.5)
+    xy_a = np.where(noisy[:, None], move(first, xy_b), move(second, xy_b)) + noise_m
+    motion, inlier = estimate_planar_motion_msac(xy_a, xy_b, np.full(12, 0.15), all_pairs(12))
+    np.testing.assert_array_equal(inlier, ~noisy)
+    np.testing.assert_allclose(motion, second, atol=1e-9)
+
+
 def test_every_point_has_its_own_tolerance() -> None:
     xy_b = np.array([[1.0, 0.0], [3.0, 0.0], [3.0, 2.0], [1.0, 2.0]])
     xy_a = xy_b + np.array([[0, 0], [0, 0], [0.1, 0.1], [0.1, 0.1]])

@@ -8,7 +8,17 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.spatial.transform import Rotation
 
-from asfm.geometry.poses import interpolate, invert, make_pose, pose_from_tum, pose_log, transform, tum_from_pose
+from asfm.geometry.poses import (
+    angle_difference,
+    depth_roll_pitch,
+    interpolate,
+    invert,
+    make_pose,
+    pose_from_tum,
+    pose_log,
+    transform,
+    tum_from_pose,
+)
 from asfm.types import FloatArray
 
 coordinates = st.floats(-100, 100, allow_subnormal=False)
@@ -151,3 +161,24 @@ def test_logarithm_is_the_tangent_vector_of_local_coordinates() -> None:
     assert pose_log(stacked).shape == (2, 3, 6)
     np.testing.assert_array_equal(pose_log(stacked)[1, 2], pose_log(stacked[1, 2]))
     assert pose_log(stacked[:0]).shape == (0, 3, 6)
+
+
+def test_angles_are_subtracted_the_short_way_round_and_exactly_where_they_are_near() -> None:
+    rng = np.random.default_rng(0)
+    first, second = rng.uniform(-np.pi, np.pi, (2, 1000))
+    found = angle_difference(first, second)
+    assert np.abs(found).max() <= np.pi
+    np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * (first - second)), atol=1e-12)
+    near = np.abs(first - second) <= np.pi
+    assert 0.1 < near.mean() < 0.9
+    np.testing.assert_array_equal(found[near], (first - second)[near])
+    np.testing.assert_array_equal(angle_difference(first[near], second[near]), (first - second)[near])
+
+
+def test_the_roll_of_a_vehicle_that_rolls_over_does_not_jump() -> None:
+    roll_rad = np.linspace(-2.0, 9.0, 60)
+    angles = np.stack([0.3 * roll_rad, np.full(60, 0.1), roll_rad], axis=1)
+    poses = make_pose(np.zeros((60, 3)), Rotation.from_euler("ZYX", angles))
+    found = depth_roll_pitch(poses)
+    np.testing.assert_allclose(found[:, 1] - found[0, 1], roll_rad - roll_rad[0], atol=1e-9)
+    np.testing.assert_allclose(found[:, 2], 0.1, atol=1e-9)

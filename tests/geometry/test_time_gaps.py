@@ -30,3 +30,7 @@ def test_a_second_or_three_intervals_are_bridged(interval_s: float, expected_s: 
     assert longest_bridge_s(interval_s) == pytest.approx(expected_s)
     assert median_interval_s(np.arange(5.0) * interval_s) == pytest.approx(interval_s)
     assert median_interval_s(np.zeros(1), 7.0) == 7.0
+
+
+def test_of_two_stamps_as_near_the_earlier_one_is_taken() -> None:
+    np.testing.assert_array_equal(nearest_stamps(np.array([0.0, 1.0, 2.0]), np.array([0.5, 1.5, 1.75])), [0, 1, 2])

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from asfm.geometry.poses import chain_steps, depth_roll_pitch, heading
+from asfm.geometry.sonar import SonarModel
 from asfm.navigation.attitude_conflict import recompute_steps, resolve_attitude_conflict
 from asfm.navigation.odometry_hypotheses import PointPairs, planar_inliers
 from asfm.navigation.sensor_constraints import SensorConstraints
 from asfm.types import FloatArray
 from tests.worlds import (
     VEHICLE_FRAMES,
+    VEHICLE_LEVER_ARM,
     VEHICLE_NOISE,
     make_constraints,
     make_vehicle_path,
@@ -69,6 +71,35 @@ def test_wrong_odometry_takes_the_roll_of_navigation_where_the_images_agree(pair
     assert np.isfinite(found.z_roll_pitch_sigma).all()
     blind, found = resolve_attitude_conflict(wrong, constrain(wrong), [], SEQUENCE)
     assert blind is wrong and np.isinf(found.z_roll_pitch_sigma[:, 1]).all()
+
+
+def test_only_the_channels_in_conflict_take_the_values_of_navigation(pairs: list[PointPairs]) -> None:
+    """Heights that differ within their noise stay those of the odometry."""
+    wrong = mirror_angle(2)(make_vehicle_path())
+    sensors = constrain(wrong)
+    higher = replace(sensors, z_roll_pitch=sensors.z_roll_pitch + np.array([0.01, 0.0, 0.0]))
+    poses, _ = resolve_attitude_conflict(wrong, higher, pairs, SEQUENCE)
+    np.testing.assert_allclose(poses[:, :3, 3], wrong[:, :3, 3], atol=1e-9)
+    np.testing.assert_allclose(depth_roll_pitch(poses)[:, 1], depth_roll_pitch(make_vehicle_path())[:, 1], atol=1e-9)
+
+
+@pytest.mark.parametrize(("ratio", "adopted"), [(0.85, True), (0.95, False), (1.2, False)])
+def test_the_images_must_be_clearly_nearer_to_navigation(
+    pairs: list[PointPairs], monkeypatch: pytest.MonkeyPatch, ratio: float, adopted: bool
+) -> None:
+    """The distances are those under the poses of the sonar, not of the vehicle."""
+    wrong = mirror_angle(2)(make_vehicle_path())
+
+    def distance_m(_pair: PointPairs, world_from_sonar: FloatArray, _sonar: SonarModel) -> float:
+        as_recorded, corrected = (
+            np.allclose(world_from_sonar, poses @ VEHICLE_LEVER_ARM) for poses in (wrong, make_vehicle_path())
+        )
+        assert as_recorded != corrected
+        return 0.2 if as_recorded else 0.2 * ratio
+
+    monkeypatch.setattr("asfm.navigation.attitude_conflict.median_arc_distance_m", distance_m)
+    poses, _ = resolve_attitude_conflict(wrong, constrain(wrong), pairs, SEQUENCE)
+    assert (poses is not wrong) == adopted
 
 
 def test_recomputed_steps_have_the_noise_of_both_sensors() -> None:

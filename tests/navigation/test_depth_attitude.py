@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from asfm.config import BackendConfig
-from asfm.geometry.poses import depth_roll_pitch, make_pose
+from asfm.geometry.poses import depth_roll_pitch, make_pose, wrap_angle
 from asfm.geometry.sonar import SonarModel
 from asfm.navigation.depth_attitude import frames_per_reading, interpolate_depth_attitude
 from asfm.sequence import Sequence
@@ -123,6 +123,20 @@ def test_rare_readings_are_not_counted_more_than_once() -> None:
     assert {found.code for found in readings.diagnostics} <= {"navigation-gap"}
 
 
+def test_a_roll_that_passes_half_a_turn_is_interpolated_the_short_way() -> None:
+    """Readings jump from pi to -pi; frames lie between them."""
+    sequence = make_sequence(offset_s=0.1)
+    assert sequence.navigation is not None
+    stamps_s = sequence.navigation.timestamps_s
+    roll_rad = 2.9 + 0.1 * (stamps_s - stamps_s[0])
+    wrapped = replace(sequence.navigation, roll_rad=wrap_angle(roll_rad))
+    readings = interpolate_depth_attitude(replace(sequence, navigation=wrapped), BackendConfig())
+    assert readings.diagnostics == ()
+    inner = (frame_stamps() > stamps_s[0]) & (frame_stamps() < stamps_s[-1])
+    expected_rad = 2.9 + 0.1 * (frame_stamps() - stamps_s[0])
+    np.testing.assert_allclose(wrap_angle(readings.z_roll_pitch[:, 1] - expected_rad)[inner], 0, atol=1e-9)
+
+
 def test_frames_per_reading() -> None:
     frames: FloatArray = np.arange(10.0)
     np.testing.assert_array_equal(frames_per_reading(frames, frames), np.ones(10))
@@ -139,3 +153,23 @@ def test_tilt_agrees_with_the_simulator() -> None:
     np.testing.assert_allclose(
         depth_roll_pitch(poses), np.stack([poses[:, 2, 3], roll_rad, pitch_rad], axis=1), atol=1e-12
     )
+
+
+def test_frames_that_are_rarer_than_readings_take_one_within_half_their_own_interval() -> None:
+    """Readings five times a second pause from 9.2 s to 14.2 s; frames are 2 s apart."""
+    reading_s = np.concatenate([np.arange(0, 9.3, 0.2), np.arange(14.2, 20, 0.2)])
+    known = np.isfinite(frames_per_reading(reading_s, np.arange(0.0, 20.0, 2.0)))
+    assert np.flatnonzero(~known).tolist() == [6]
+
+
+def test_readings_that_differ_from_odometry_by_its_noise_are_no_outliers() -> None:
+    """A sensor of a hundredth of the odometry's noise: what is left after the odometry is its noise, not jumps."""
+    sequence = make_sequence()
+    exact = sway(frame_stamps())
+    navigation = Navigation(frame_stamps(), *exact.T)
+    precise = replace(NOISE, navigation_z_m=1e-4)
+    height_m = exact[:, 0] + np.where(np.arange(COUNT) % 12 == 5, 0.06, 0.0)
+    position = np.stack([np.zeros(COUNT), np.zeros(COUNT), height_m], axis=1)
+    odometry = Trajectory(frame_stamps(), make_pose(position, Rotation.identity(COUNT)))
+    noisy = replace(sequence, navigation=navigation, noise=precise)
+    assert interpolate_depth_attitude(noisy, BackendConfig(), odometry).diagnostics == ()

@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from asfm.config import BackendConfig
+from asfm.geometry.poses import make_pose
 from asfm.navigation.duplicate_frames import MIN_KEYPOINTS, drop_duplicate_frames, find_duplicate_frames
 from asfm.navigation.frame_navigation import read_navigation
 from asfm.navigation.odometry import Odometry
@@ -62,3 +64,10 @@ def test_all_matches_stay_where_odometry_does_not_move(moving: str) -> None:
         poses[1:, 0, 3], poses[4:, 0, 3], poses[5:, 0, 3], poses[7:, 0, 3] = 0.3, 0.6, 0.9, 1.2
     odometry = None if moving == "not measured" else read_odometry(poses)
     assert drop_duplicate_frames(KEYPOINTS, CANDIDATES, odometry) == (CANDIDATES, ())
+
+
+def test_matches_of_duplicates_are_dropped_where_odometry_turns_on_the_spot() -> None:
+    turned = make_pose(np.zeros((8, 3)), Rotation.from_rotvec(np.outer(0.05 * np.arange(8), [0.0, 0.0, 1.0])))
+    kept, diagnostics = drop_duplicate_frames(KEYPOINTS, CANDIDATES, read_odometry(turned))
+    assert [match.frame_a for match in kept] == [0, 4]
+    assert [found.code for found in diagnostics] == ["duplicate-frames"]

@@ -1,5 +1,7 @@
 """Fault hypotheses: each undoes its fault, reversed axes of points, scales and their units, time offsets."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -135,3 +137,44 @@ def test_nothing_moves_without_pairs_or_motion() -> None:
     still = np.tile(np.eye(4), (VEHICLE_FRAMES, 1, 1))
     names = [item.name for item in fault_hypotheses(still, VEHICLE_LEVER_ARM, [], TIMES_S)]
     assert names and not any("positions in" in name or "multiplied" in name for name in names)
+
+
+def test_a_hypothesis_known_for_less_than_half_of_the_pairs_is_not_judged(
+    raw: list[PointPairs], inliers: list[PointPairs]
+) -> None:
+    """Right poses of the first ten frames and of none after them."""
+    partly = make_vehicle_path()
+    partly[10:] = np.nan
+    known = sum(pair.frame_b < 10 for pair in inliers)
+    assert 0 < 2 * known < len(inliers)
+    found = hypothesis_distances([Hypothesis("partly", partly)], raw, inliers, VEHICLE_LEVER_ARM, VEHICLE_SONAR)
+    assert found == {"partly": np.inf}
+
+
+def test_inliers_are_chosen_anew_where_ranges_are_turned(raw: list[PointPairs]) -> None:
+    """More than half of the matches are wrong: those left after the axis is turned agree all the same."""
+    rng, wrong = np.random.default_rng(5), turned_points(raw, "range", VEHICLE_SONAR)
+    spoiled = []
+    for pair in wrong:
+        b = pair.range_bearing_b.copy()
+        bad = rng.random(len(b)) < 0.55
+        b[bad] = rng.uniform([1, -0.6], [9, 0.6], (int(bad.sum()), 2))
+        spoiled.append(replace(pair, range_bearing_b=b))
+    turned = Hypothesis(RANGE_REVERSED, make_vehicle_path(), images="range")
+    pairs = planar_inliers(spoiled, np.random.default_rng(0))
+    (distance_m,) = hypothesis_distances([turned], spoiled, pairs, VEHICLE_LEVER_ARM, VEHICLE_SONAR).values()
+    assert distance_m < 0.06
+
+
+def test_the_scale_is_that_of_the_longer_motions() -> None:
+    """Six pairs that move give a median ratio of 2; five at rest, whose ratios are noise, do not count."""
+    nothing, poses, pairs = np.zeros((0, 2)), np.tile(np.eye(4), (22, 1, 1)), []
+    ratios = [1.5, 1.8, 2.0, 2.0, 2.2, 2.5] + [0.1] * 5
+    for number, ratio in enumerate(ratios):
+        planar_m = 1.0 if number < 6 else 0.01
+        motion = np.eye(4)
+        motion[0, 3] = planar_m
+        poses[2 * number + 1, 0, 3] = planar_m / ratio
+        pairs.append(PointPairs(2 * number, 2 * number + 1, nothing, nothing, motion))
+    names = [item.name for item in fault_hypotheses(poses, np.eye(4), pairs, 0.2 * np.arange(22))]
+    assert "with its positions multiplied by 2" in names

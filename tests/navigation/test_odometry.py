@@ -116,3 +116,45 @@ def test_few_frames_are_not_filtered(count: int) -> None:
     few = replace(sequence, timestamps_s=sequence.timestamps_s[:count])
     odometry = read(few)
     assert odometry.world_from_vehicle.shape == (count, 4, 4) and odometry.step_sigma.shape == (count - 1, 2)
+
+
+def lose_frames(steps: FloatArray) -> Sequence:
+    """Leave out the frames 12 to 23: the step 11 takes thirteen intervals."""
+    sequence = make_sequence(steps)
+    return replace(sequence, timestamps_s=sequence.timestamps_s[np.r_[0:12, 24:COUNT]])
+
+
+def test_a_long_turn_over_missing_frames_is_no_jump() -> None:
+    steps = make_steps() @ make_pose(np.zeros(3), Rotation.from_rotvec([0.0, 0.0, 0.09]))
+    assert read(lose_frames(steps)).diagnostics == ()
+
+
+def test_a_jump_over_missing_frames_is_replaced_by_as_many_median_steps() -> None:
+    steps = make_steps()
+    steps[18, :3, 3] += [6.0, -4.0, 0.0]
+    odometry, ordinary = read(lose_frames(steps)), make_steps()
+    assert np.flatnonzero(odometry.unreliable).tolist() == [11]
+    repaired = invert(odometry.world_from_vehicle[11]) @ odometry.world_from_vehicle[12]
+    median_m = np.median(ordinary[:, 0, 3])
+    assert repaired[0, 3] == pytest.approx(13 * median_m, rel=0.3)
+    typical_m = np.sqrt(np.mean(ordinary[:, :3, 3] ** 2))
+    assert odometry.step_sigma[11, 1] == pytest.approx(1.5 * 13 * typical_m, rel=0.3)
+
+
+def test_the_sigma_of_a_replaced_step_is_that_of_the_steps_that_do_not_jump() -> None:
+    steps = make_steps()
+    steps[20, :3, 3] += [3.0, -2.0, 0.0]
+    typical_m = np.sqrt(np.mean(np.delete(make_steps(), 20, axis=0)[:, :3, 3] ** 2))
+    assert read(make_sequence(steps)).step_sigma[20, 1] == pytest.approx(np.hypot(0.02, 1.5 * typical_m), rel=0.01)
+
+
+def test_jumps_stay_unreliable_beside_a_gap() -> None:
+    steps = make_steps()
+    steps[5, :3, 3] += [3.0, -2.0, 0.0]
+    sequence = make_sequence(steps)
+    assert sequence.odometry is not None
+    keep = ~np.isin(np.arange(COUNT), range(20, 31))
+    cut = Trajectory(sequence.odometry.timestamps_s[keep], sequence.odometry.world_from_vehicle[keep])
+    odometry = read(replace(sequence, odometry=cut))
+    assert np.flatnonzero(odometry.unreliable).tolist() == [5, *range(19, 31)]
+    assert [found.code for found in odometry.diagnostics] == ["odometry-jump", "odometry-gap"]

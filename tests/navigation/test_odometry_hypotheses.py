@@ -183,3 +183,29 @@ def test_points_that_only_the_prediction_rejected_are_collected() -> None:
     (pair,) = collect_point_pairs(keypoints, [matches, too_far])
     np.testing.assert_array_equal(pair.range_bearing_a, keypoints[0].range_bearing[[0, 2, 4]])
     np.testing.assert_array_equal(pair.range_bearing_b, keypoints[2].range_bearing[[1, 3, 5]])
+
+
+def test_pairs_of_which_a_small_share_agrees_are_dropped() -> None:
+    """Twelve points of a hundred and twenty agree on a motion: others agree so by chance."""
+    rng = np.random.default_rng(3)
+    one, other = rng.uniform([1, -0.6], [9, 0.6], (2, 120, 2))
+    other[:12] = one[:12]
+    pair = PointPairs(0, 1, one, other, np.eye(4))
+    same = replace(pair, range_bearing_a=one[:12], range_bearing_b=one[:12])
+    assert planar_inliers([pair], rng) == [] and len(planar_inliers([same], rng)) == 1
+
+
+def test_arc_distance_across_the_beam_is_in_metres_and_takes_the_short_way_round() -> None:
+    poses = (make_vehicle_path() @ VEHICLE_LEVER_ARM)[[0, 4]]
+    pair = make_exact_pair(poses)
+    aside = replace(pair, range_bearing_b=pair.range_bearing_b + np.array([0.0, 0.05]))
+    expected_m = 0.05 * float(np.median(pair.range_bearing_b[:, 0]))
+    assert 0.6 * expected_m < median_arc_distance_m(aside, poses, VEHICLE_SONAR) <= 1.01 * expected_m
+    half_turn = make_pose(np.zeros(3), Rotation.from_rotvec([0.0, 0.0, np.pi]))
+    astern = replace(
+        aside,
+        range_bearing_a=aside.range_bearing_a + np.array([0.0, np.pi]),
+        range_bearing_b=aside.range_bearing_b - np.array([0.0, np.pi]),
+    )
+    found_m = median_arc_distance_m(astern, poses @ half_turn, VEHICLE_SONAR)
+    assert found_m == pytest.approx(median_arc_distance_m(aside, poses, VEHICLE_SONAR), abs=1e-9)

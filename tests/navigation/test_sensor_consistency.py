@@ -10,6 +10,7 @@ from asfm.geometry.poses import depth_roll_pitch, heading, invert, make_pose
 from asfm.navigation.depth_attitude import DepthAttitude, stack_readings
 from asfm.navigation.sensor_consistency import (
     CONFLICT_SIGMAS,
+    LAG_FRAMES,
     MIN_CHANGES,
     SensorConsistency,
     align_initial_attitude,
@@ -143,3 +144,40 @@ def test_few_frames_or_readings_are_not_tested(count: int, measured: bool) -> No
     assert estimate_time_offset(path, readings, VEHICLE_NOISE) is None
     aligned, _ = align_initial_attitude(path, readings, VEHICLE_NOISE, EVERY)
     assert np.isfinite(aligned).all() and measured != (aligned is path)
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_unrelated_readings_are_not_mirrored(sign: int) -> None:
+    """They agree with either sign about as badly."""
+    path = make_vehicle_path()
+    readings = read_exactly(path)
+    noise = np.random.default_rng(0).normal(size=VEHICLE_FRAMES) * np.std(readings.z_roll_pitch[:, 1])
+    spoiled = np.stack([readings.z_roll_pitch[:, 0], sign * noise, readings.z_roll_pitch[:, 2]], axis=1)
+    found = compare(path, replace(readings, z_roll_pitch=spoiled))
+    assert found.contradicts.tolist() == [False, True, False] and not found.mirrored.any()
+
+
+def test_a_scaled_roll_is_no_time_offset() -> None:
+    path = make_vehicle_path()
+    readings = read_exactly(path)
+    scaled = replace(readings, z_roll_pitch=readings.z_roll_pitch * [1, 3, 1])
+    assert compare(path, scaled).contradicts[1]
+    assert estimate_time_offset(path, scaled, VEHICLE_NOISE) is None
+
+
+def test_a_roll_that_differs_by_whole_turns_is_not_aligned() -> None:
+    path = make_vehicle_path()
+    readings = read_exactly(path)
+    turned = replace(readings, z_roll_pitch=readings.z_roll_pitch + np.array([0.0, 2 * np.pi, -2 * np.pi]))
+    assert align_initial_attitude(path, turned, VEHICLE_NOISE, EVERY)[0] is path
+
+
+@pytest.mark.parametrize("speed_m", [0.0, 5.0])
+def test_expected_change_of_height_grows_with_the_path(speed_m: float) -> None:
+    """An attitude error of some steps tilts the path: at 5 m a frame that outweighs all else."""
+    poses = np.tile(np.eye(4), (VEHICLE_FRAMES, 1, 1))
+    poses[:, 0, 3] = speed_m * np.arange(VEHICLE_FRAMES)
+    expected_m = compare(poses, read_exactly(poses)).expected[0]
+    turn_rad, noise = VEHICLE_NOISE.odometry_rotation_rad * np.sqrt(LAG_FRAMES), VEHICLE_NOISE
+    variance = 2 * noise.navigation_z_m**2 + LAG_FRAMES * noise.odometry_translation_m**2
+    assert expected_m == pytest.approx(np.sqrt(variance + (turn_rad * speed_m * LAG_FRAMES) ** 2))

@@ -1,6 +1,7 @@
 """Mirror ambiguity: reflection, choice of the image, and covariances over both images."""
 
 from dataclasses import replace
+from functools import lru_cache
 
 import gtsam
 import numpy as np
@@ -60,6 +61,11 @@ def make_solution(kind: str = "alone", seed: int = 0, slope: float = 0.1) -> tup
     Returns:
         The solution, (N, 4, 4) true poses and (T, 3) true points.
     """
+    return _adjust_scene(kind, seed, slope)
+
+
+@lru_cache
+def _adjust_scene(kind: str, seed: int, slope: float) -> tuple[Solution, FloatArray, FloatArray]:
     rng = np.random.default_rng(seed)
     poses = make_poses()
     in_sonar = rng.uniform([3.0, -2.0, -0.3], [6.0, 3.0, 0.3], (60, 3))

@@ -141,6 +141,35 @@ def test_tracks_that_contradict_themselves_become_no_landmark() -> None:
     assert np.isin(np.arange(10, 30), landmarks.track).mean() > 0.9
 
 
+def test_a_point_behind_one_of_the_frames_that_observe_it_is_no_landmark(rolling: tuple[Solution, Landmarks]) -> None:
+    solution, landmarks = rolling
+    turned = solution.bundle.world_from_vehicle.copy()
+    turned[4] = turned[4] @ make_pose(np.zeros(3), Rotation.from_rotvec([0.0, 0.0, np.pi]))
+    unseen = (solution.tracks.frame == 4) & (solution.tracks.track % 2 == 1)
+    observed, bundle = solution.observed & ~unseen, replace(solution.bundle, world_from_vehicle=turned)
+    sequence = Sequence("simulated", SONAR, np.arange(10, dtype=np.float64), no_frame, LEVER_ARM)
+    kept = _describe_landmarks(replace(solution, observed=observed, bundle=bundle), sequence, INDEPENDENT).track
+    behind = np.unique(solution.tracks.track[observed & (solution.tracks.frame == 4)])
+    assert len(behind) > 10
+    np.testing.assert_array_equal(kept, np.setdiff1d(landmarks.track, behind))
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_the_edge_of_the_beam_is_that_of_the_mounted_sonar(rolling: tuple[Solution, Landmarks], side: int) -> None:
+    """The margin ends a few hundredths of a radian beyond the aperture, as the sonar sees it and not the vehicle."""
+    solution, landmarks = rolling
+    resting = np.repeat(solution.bundle.world_from_vehicle[:1], 10, axis=0)
+    sequence = Sequence("simulated", SONAR, np.arange(10, dtype=np.float64), no_frame, LEVER_ARM)
+    kept = []
+    for elevation_rad in (SONAR.elevation_aperture_rad / 2 + 0.045, SONAR.elevation_aperture_rad / 2 + 0.055):
+        in_sonar = back_project(np.array(5.0), np.array(0.0), side * elevation_rad)
+        xyz_m = np.broadcast_to(transform(resting[0] @ LEVER_ARM, in_sonar), solution.bundle.xyz_m.shape)
+        bundle = replace(solution.bundle, world_from_vehicle=resting, xyz_m=xyz_m)
+        covariance_m2 = np.tile(np.eye(3), (len(xyz_m), 1, 1))
+        kept.append(len(describe_landmarks(replace(solution, bundle=bundle), covariance_m2, sequence, INDEPENDENT)))
+    assert kept == [int(solution.bundle.in_graph.sum()), 0] and len(landmarks)
+
+
 def test_no_tracks_give_no_landmarks() -> None:
     poses = _oscillate(0.1, 3)
     sequence = Sequence("simulated", SONAR, np.arange(3, dtype=np.float64), no_frame)

@@ -42,6 +42,14 @@ def test_each_section_keeps_the_view_with_the_smallest_sigma() -> None:
     np.testing.assert_array_equal(kept, [0, *sharp, 101])
 
 
+def test_the_selection_does_not_depend_on_the_units_of_range_and_bearing() -> None:
+    rng, tracks = np.random.default_rng(0), make_tracks([60, 40])
+    sigma, observed = rng.uniform(0.5, 2.0, (len(tracks), 2)), np.ones(len(tracks), dtype=bool)
+    in_mm_and_deg = sigma * [1000.0, 180 / np.pi]
+    kept = cap_observations(tracks, observed, sigma, 10)
+    np.testing.assert_array_equal(cap_observations(tracks, observed, in_mm_and_deg, 10), kept)
+
+
 def test_without_candidates_nothing_is_kept() -> None:
     tracks = make_tracks([5])
     assert not cap_observations(tracks, np.zeros(5, dtype=bool), np.ones((5, 2)), 3).any()

@@ -47,7 +47,8 @@ def position_error_m(poses: FloatArray) -> float:
 
 @pytest.fixture(scope="module")
 def floor() -> Tracks:
-    return observe_floor()
+    floor = observe_floor()
+    return floor.select(floor.track % 3 == 0)
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +79,7 @@ def test_tracks_with_few_views_are_left_out_and_long_ones_are_capped(floor: Trac
     recorded = np.bincount(floor.track, minlength=floor.count)
     assert (recorded < Config().tracks.min_views).any() and not views[recorded < Config().tracks.min_views].any()
     assert set(np.unique(views)) <= {0, *range(Config().tracks.min_views, Config().backend.max_views + 1)}
+    assert (views == Config().tracks.min_views).any()
     few = solve(floor, make_vehicle_path(), max_views=5)
     assert np.bincount(floor.track[few.observed]).max() == 5
 
@@ -98,6 +100,7 @@ def test_sigmas_are_inflated_by_the_correlation_of_a_track(floor: Tracks) -> Non
 def test_autocorrelation_is_estimated_only_after_an_adjustment_with_odometry(adjusted: bool, measured: bool) -> None:
     """Range errors that persist along a track inflate the sigmas of ranges against those of bearings."""
     rng, exact = np.random.default_rng(0), observe_floor()
+    exact = exact.select(exact.track % 3 == 0)
     error_m = rng.normal(0, 0.02, len(exact))
     for row in range(1, len(exact)):
         if exact.track[row] == exact.track[row - 1]:

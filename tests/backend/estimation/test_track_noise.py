@@ -1,15 +1,21 @@
 """Track noise: recovered from simulated residuals, shrunk for short tracks, and inflated by autocorrelation."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 from asfm.backend.estimation.track_noise import (
+    MAX_AUTOCORRELATION,
     MAX_LAG,
     MAX_NOISE_RATIO,
     MIN_NOISE_RATIO,
+    MIN_TRACK_LENGTH,
+    PRIOR_DEGREES_OF_FREEDOM,
     autocorrelation_inflation,
     estimate_track_noise,
 )
+from asfm.types import BoolArray, FloatArray, IntArray
 
 
 def test_noise_ratios_of_tracks_are_recovered() -> None:
@@ -91,3 +97,51 @@ def test_inflation_uses_observed_errors_of_long_tracks_only() -> None:
     assert (autocorrelation_inflation(track, observed, np.tile([1.0, -1.0], (1000, 1))) < 5).all(), (
         "bounded correlation"
     )
+
+
+def draw_tracks(seed: int) -> tuple[IntArray, BoolArray, FloatArray]:
+    """Draw residuals of tracks of 1 to 20 views whose errors alternate, persist or scatter."""
+    rng = np.random.default_rng(seed)
+    lengths = rng.integers(1, 21, 40)
+    track = np.repeat(np.arange(40), lengths)
+    rising = np.concatenate([np.arange(length) for length in lengths])
+    kind = np.array([-0.9, 0.0, 0.9])[track % 3]
+    mean = rng.normal(size=(40, 2))[track] * np.abs(kind)[:, None]
+    residual = 0.5 * rng.normal(size=(len(track), 2)) + mean * np.where(kind < 0, (-1.0) ** rising, 1.0)[:, None]
+    return track, rng.random(len(track)) < 0.9, residual
+
+
+@pytest.mark.parametrize("lags", [0, 1, 3])
+def test_noise_is_that_of_a_plain_sum_over_each_track(lags: int) -> None:
+    """Posterior of a scaled inverse chi-square prior, on Bartlett-weighted sums taken one track at a time."""
+    track, observed, residual = draw_tracks(lags)
+    sums, freedoms = np.zeros(40), np.zeros(40)
+    for number in range(40):
+        own = residual[observed & (track == number)]
+        sums[number] = np.sum(own**2)
+        for lag in range(1, lags + 1):
+            sums[number] += 2 * (1 - lag / (lags + 1)) * sum(float(a @ b) for a, b in zip(own, own[lag:], strict=False))
+        freedoms[number] = max(2 * len(own) - 3, 0)
+    sums, known, prior = np.maximum(sums, 0), freedoms > 0, PRIOR_DEGREES_OF_FREEDOM
+    typical = np.median(sums[known] / freedoms[known])
+    variance = (prior * typical + sums) / ((prior + freedoms) * typical)
+    expected = np.where(known, np.clip(np.sqrt(variance), MIN_NOISE_RATIO, MAX_NOISE_RATIO), 1.0)
+    found = estimate_track_noise(track, observed, residual, lags)
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+def test_autocorrelation_is_that_of_neighbours_within_long_tracks() -> None:
+    track, observed, residual = draw_tracks(5)
+    residual = 0.3 * residual + np.cumsum(residual, axis=0) * 0.02
+    pairs, squares, lengths = [], [], []
+    for number in range(40):
+        own = residual[observed & (track == number)]
+        if len(own) >= MIN_TRACK_LENGTH:
+            pairs += [a * b for a, b in pairwise(own)]
+            squares += list(own**2)
+            lengths += [len(own)] * len(own)
+    rho = np.mean(pairs, axis=0) / np.mean(squares, axis=0) + 1 / np.mean(lengths)
+    rho = np.clip(rho, 0, MAX_AUTOCORRELATION)
+    assert (rho > 0.1).all()
+    found = autocorrelation_inflation(track, observed, residual)
+    np.testing.assert_allclose(found, np.sqrt((1 + rho) / (1 - rho)), rtol=1e-9)

@@ -211,10 +211,10 @@ def test_a_few_gross_errors_do_not_choose_the_elevation() -> None:
     np.testing.assert_array_equal(found.inlier, ~wrong)
 
 
-def test_observations_of_a_point_outside_their_aperture_are_outliers_at_its_distance_in_edge_sigmas() -> None:
-    xyz_m = back_project(
-        np.array([5.0, 5.0]), np.zeros(2), np.array([0.0, GATE.half_aperture_rad + 2.5 * GATE.edge_rad])
-    )
+@pytest.mark.parametrize("side", [-1, 1])
+def test_observations_of_a_point_outside_their_aperture_are_outliers_at_its_distance_in_edge_sigmas(side: int) -> None:
+    edge_rad = GATE.half_aperture_rad + np.array([-0.01, 2.5 * GATE.edge_rad])
+    xyz_m = back_project(np.array([5.0, 5.0]), np.zeros(2), side * edge_rad)
     tracks = Tracks(np.array([0, 1]), np.array([0, 0]), np.full(2, 5.0), np.zeros(2))
     square, residual = squared_residuals(xyz_m, tracks, np.tile(np.eye(4), (2, 1, 1)), np.tile(SIGMA, (2, 1)), GATE)
     np.testing.assert_allclose(square, [0.0, 6.25], atol=1e-9)

@@ -160,3 +160,10 @@ def test_points_far_outside_get_a_position_prior_with_their_range_as_sigma() -> 
     moved = gtsam.Values(values)
     moved.update(FIRST_POINT + 1, xyz_m[1] + np.array([0.0, 0.6, 0.0]))
     assert priors[0].error(moved) == pytest.approx(0.5 * (0.6 / problem.tracks.range_m[-1]) ** 2)
+
+
+def test_points_a_little_outside_get_a_prior_of_their_elevation_alone() -> None:
+    problem, poses, xyz_m = make_problem(np.array([0.0, HALF_APERTURE_RAD + MAX_OUTSIDE_RAD / 2]))
+    graph = gtsam.NonlinearFactorGraph()
+    add_aperture_priors(graph, problem, poses, xyz_m)
+    assert [len(graph.at(index).keys()) for index in range(graph.size())] == [2, 2]

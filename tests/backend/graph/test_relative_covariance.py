@@ -79,6 +79,28 @@ def test_predicted_sigmas_are_those_of_sampled_poses() -> None:
                 np.testing.assert_allclose(scatter.std(), sigma[a, b], rtol=0.06, atol=1e-6)
 
 
+def test_predicted_sigmas_of_points_aside_and_above_are_those_of_sampled_poses() -> None:
+    """The frames look apart: each sees the point ahead of the other far from the middle of its own beam.
+
+    The stated sigma of a bearing is that of the shift across the beam over the range.
+    """
+    rng = np.random.default_rng(2)
+    turned = Rotation.from_euler("ZYX", [[0.0, 0.0, 0.0], [-0.7, 0.5, 0.3]])
+    poses = make_pose(np.array([[0.0, 0.0, 0.0], [0.5, 1.0, -0.5]]), turned)
+    root = 0.005 * rng.normal(size=(12, 12)) * np.repeat([1, 0.1, 1, 0.1], 3)[:, None]
+    covariance = (root @ root.T).reshape(2, 6, 2, 6).transpose(0, 2, 1, 3)
+    found = predict_sigma(covariance, poses, LEVER_ARM, 5.0)
+    drawn = rng.multivariate_normal(np.zeros(12), root @ root.T, 20000).reshape(-1, 2, 6)
+    disturbed = poses @ make_pose(drawn[..., 3:], Rotation.from_rotvec(drawn[..., :3]))
+    ahead = transform(LEVER_ARM, np.array([5.0, 0.0, 0.0]))
+    for a, b in ((0, 1), (1, 0)):
+        seen = project(transform(invert(disturbed[:, b] @ LEVER_ARM), transform(disturbed[:, a], ahead)))
+        assert min(abs(np.mean(seen[1])), abs(np.mean(seen[2]))) > 0.2
+        across = seen[0], seen[1] * np.cos(np.mean(seen[2])), seen[2]
+        for scatter, sigma in zip(across, (found.range_m, found.bearing_rad, found.elevation_rad), strict=True):
+            np.testing.assert_allclose(scatter.std(), sigma[a, b], rtol=0.03)
+
+
 def test_uncertainty_grows_with_the_gap() -> None:
     found = predict_sigma(
         joint_covariance(make_bundle(), np.arange(12)), make_bundle().world_from_vehicle, LEVER_ARM, 5.0

@@ -144,3 +144,16 @@ def test_a_graph_without_points_is_left_as_it_is() -> None:
     expected, _ = graph.linearize(values).hessian()
     np.testing.assert_allclose(found.poses.toarray(), expected, rtol=1e-6, atol=1e-4)
     assert found.points.shape == (0, 3, 3) and found.point_pose_gain.shape == (0, 6 * FRAMES)
+
+
+def test_information_is_invertible_where_nothing_holds_the_poses() -> None:
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    graph.add(step_factor(FIRST_POSE, FIRST_POSE + 1, np.eye(4), 0.01, 0.02))
+    for frame in range(2):
+        values.insert(FIRST_POSE + frame, gtsam.Pose3())
+    none = np.zeros((0, 3)), np.zeros(0, dtype=bool)
+    found = marginalise_points(Bundle(np.tile(np.eye(4), (2, 1, 1)), *none, graph, graph, values)).poses.toarray()
+    assert np.linalg.eigvalsh(found)[0] > 1e-7
+    step = np.hstack([-np.eye(6), np.eye(6)])
+    sigma = np.sqrt(np.diag(step @ np.linalg.inv(found) @ step.T))
+    np.testing.assert_allclose(sigma, [0.01] * 3 + [0.02] * 3, rtol=1e-3)

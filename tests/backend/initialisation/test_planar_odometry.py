@@ -124,3 +124,46 @@ def test_same_seed_gives_the_same_bytes() -> None:
         estimate_planar_motion(xy_a, xy_b, np.full(30, 0.3), np.random.default_rng(7))[0].tobytes() for _ in range(2)
     )
     assert first == again
+
+
+def test_chain_continues_from_the_frame_that_a_motion_was_measured_from() -> None:
+    """After two frames that see everything, odd frames see one half of the points and even frames the other."""
+    rng = np.random.default_rng(6)
+    truth = np.stack([_planar(0.2 * frame, 0.0, 0.05 * frame) for frame in range(9)])
+    visible = np.ones((30, 9))
+    visible[:15, 2::2] = 0
+    visible[15:, 3::2] = 0
+    poses, supported = planar_odometry(
+        _track_all(truth, rng.uniform([3, -2], [8, 2], (30, 2)), visible), 9, np.eye(4), np.eye(4), rng
+    )
+    assert supported.all()
+    np.testing.assert_allclose(poses, truth, atol=1e-6)
+
+
+def test_chain_follows_the_nearest_frame() -> None:
+    """The points that frame 4 shares with frame 0 alone have moved; those that it shares with frame 3 have not."""
+    rng = np.random.default_rng(7)
+    truth = np.stack([_planar(0.2 * frame, 0.0, 0.02 * frame) for frame in range(5)])
+    visible = np.ones((30, 5))
+    visible[15:, 1:4] = 0
+    tracks = _track_all(truth, rng.uniform([3, -2], [8, 2], (30, 2)), visible)
+    moved = (tracks.track >= 15) & (tracks.frame == 4)
+    tracks = Tracks(tracks.track, tracks.frame, tracks.range_m, tracks.bearing_rad + 0.3 * moved)
+    poses, _ = planar_odometry(tracks, 5, np.eye(4), np.eye(4), rng)
+    np.testing.assert_allclose(poses, truth, atol=1e-6)
+
+
+def test_tracks_without_a_common_motion_support_no_pose() -> None:
+    rng = np.random.default_rng(8)
+    track, frame = np.repeat(np.arange(6), 2), np.tile([0, 1], 6)
+    tracks = Tracks(track, frame, rng.uniform(2, 8, 12), rng.uniform(-0.6, 0.6, 12))
+    assert not planar_odometry(tracks, 2, np.eye(4), np.eye(4), rng)[1][1]
+
+
+def test_points_may_be_off_the_motion_by_a_share_of_their_range() -> None:
+    rng = np.random.default_rng(9)
+    truth, xy_m = np.stack([_planar(0, 0, 0), _planar(0.2, 0, 0.05)]), rng.uniform([7, -3], [9, 3], (6, 2))
+    exact = _track_all(truth, xy_m, np.ones((6, 2)))
+    range_m = exact.range_m + np.where(exact.frame == 1, np.resize([0.1, 0.1, -0.1, -0.1], 12), 0.0)
+    tracks = Tracks(exact.track, exact.frame, range_m, exact.bearing_rad)
+    assert planar_odometry(tracks, 2, np.eye(4), np.eye(4), rng)[1].all()

@@ -4,12 +4,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from asfm.backend.estimation.solution import Solution
-from asfm.backend.loops.loop_candidates import LoopPair, LoopSearch, choose_pairs, find_neighbours, search_loops
+from asfm.backend.graph.relative_covariance import joint_covariance, predict_sigma
+from asfm.backend.loops.loop_candidates import (
+    TYPICAL_RANGE_SHARE,
+    LoopPair,
+    LoopSearch,
+    choose_pairs,
+    find_neighbours,
+    search_loops,
+)
 from asfm.config import LoopsConfig
+from asfm.geometry.poses import invert, make_pose, transform
+from asfm.geometry.sonar import back_project, project
 from asfm.types import Tracks
-from tests.backend.loops.round_trip import make_round_trip
+from tests.backend.loops.round_trip import SONAR, make_round_trip
 
 WINDOW = 8
 
@@ -93,6 +104,66 @@ def test_frames_that_share_landmarks_are_no_candidates() -> None:
         assert not np.intersect1d(used.track[used.frame == a], used.track[used.frame == b]).size
 
 
+ALL_OVERLAP = LoopsConfig(sigma_factor=1000.0, min_overlap=1e-6)
+"""Settings under which the uncertainty is so large that all frames may see the same."""
+
+
+@pytest.mark.parametrize("max_shared", [0, 3, 1000])
+def test_candidates_are_all_pairs_beyond_the_window_that_share_few_enough_landmarks(max_shared: int) -> None:
+    trip = make_round_trip(1)
+    settings, used = ALL_OVERLAP.model_copy(update={"max_shared": max_shared}), trip.solution.tracks
+    landmarks = [set(used.track[used.frame == frame].tolist()) for frame in range(30)]
+    expected = {(a, b) for a in range(30) for b in range(a + 4, 30) if len(landmarks[a] & landmarks[b]) <= max_shared}
+    assert set(search_loops(trip.solution, trip.sequence, settings, 3).pairs) == expected
+
+
+def test_landmarks_outside_the_graph_determine_no_step() -> None:
+    trip = make_round_trip(1)
+    solution, settings = _with_sensors(trip.solution, False, {}), ALL_OVERLAP.model_copy(update={"max_shared": 1000})
+    nowhere = replace(solution.bundle, in_graph=np.zeros(len(solution.bundle.xyz_m), dtype=bool))
+    assert search_loops(solution, trip.sequence, settings, 3).pairs
+    assert not search_loops(replace(solution, bundle=nowhere), trip.sequence, settings, 3).pairs
+
+
+LEVER_ARM = make_pose(np.array([0.5, -0.3, 0.2]), Rotation.from_euler("ZYX", [0.3, 0.1, -0.1]))
+
+
+def test_sigmas_are_those_of_a_point_at_the_typical_range_times_the_factor() -> None:
+    trip = make_round_trip(1)
+    sequence, frames = replace(trip.sequence, vehicle_from_sonar=LEVER_ARM), np.arange(30)
+    found = search_loops(trip.solution, sequence, LoopsConfig(sigma_factor=3.0, min_overlap=1e-6), WINDOW).pairs
+    covariance = joint_covariance(trip.solution.bundle, frames)
+    range_m = TYPICAL_RANGE_SHARE * SONAR.range_edges_m[-1]
+    expected = predict_sigma(covariance, trip.solution.bundle.world_from_vehicle, LEVER_ARM, range_m)
+    for (a, b), pair in found.items():
+        assert pair.range_sigma_m == pytest.approx(3 * expected.range_m[a, b])
+        assert pair.bearing_sigma_rad == pytest.approx(3 * expected.bearing_rad[a, b])
+
+
+@pytest.mark.parametrize("sigma_factor", [1e-6, 4.0])
+def test_overlap_is_the_share_of_the_view_inside_the_other_one_widened_by_the_sigmas(sigma_factor: float) -> None:
+    """Against points drawn from the field of view, which is uniform in range, bearing and elevation."""
+    trip = make_round_trip(1)
+    sequence, poses = replace(trip.sequence, vehicle_from_sonar=LEVER_ARM), trip.solution.bundle.world_from_vehicle
+    found = search_loops(
+        trip.solution, sequence, LoopsConfig(sigma_factor=sigma_factor, min_overlap=1e-6), WINDOW
+    ).pairs
+    covariance = sigma_factor**2 * joint_covariance(trip.solution.bundle, np.arange(30))
+    sigma = predict_sigma(covariance, poses, LEVER_ARM, TYPICAL_RANGE_SHARE * SONAR.range_edges_m[-1])
+    half = SONAR.elevation_aperture_rad / 2
+    low = np.array([SONAR.range_edges_m[0], SONAR.bearing_edges_rad[0], -half])
+    high = np.array([SONAR.range_edges_m[-1], SONAR.bearing_edges_rad[-1], half])
+    drawn = back_project(*np.random.default_rng(0).uniform(low, high, (2000, 3)).T)
+    errors = []
+    for (a, b), pair in found.items():
+        seen = np.stack(project(transform(invert(poses[b] @ LEVER_ARM) @ poses[a] @ LEVER_ARM, drawn)), axis=1)
+        margin = np.array([sigma.range_m[a, b], sigma.bearing_rad[a, b], sigma.elevation_rad[a, b]])
+        inside = ((seen >= low - margin) & (seen <= high + margin)).all(axis=1)
+        errors.append(pair.overlap - inside.mean())
+    assert np.max([pair.overlap for pair in found.values()]) > 0.5
+    assert np.abs(np.mean(errors)) < 0.03 and np.std(errors) < 0.06
+
+
 def _search_of(pairs: list[tuple[int, int, float]], count: int) -> LoopSearch:
     return LoopSearch(np.arange(count), {(a, b): LoopPair(a, b, share, 0.1, 0.01) for a, b, share in pairs})
 
@@ -114,6 +185,8 @@ def test_choice_is_bounded_and_evenly_spread(most: int) -> None:
 
 
 def test_neighbours_are_the_pairs_just_before_and_after() -> None:
-    search = _search_of([(4, 30, 0.9), (3, 29, 0.5), (5, 31, 0.5), (6, 32, 0.5)], 40)
+    search = _search_of(
+        [(4, 30, 0.9), (3, 29, 0.5), (5, 31, 0.5), (6, 32, 0.5), (3, 31, 0.5), (5, 29, 0.5), (4, 31, 0.5)], 40
+    )
     found = find_neighbours(search, search.pairs[4, 30])
-    assert {(pair.frame_a, pair.frame_b) for pair in found} == {(3, 29), (5, 31)}
+    assert {(pair.frame_a, pair.frame_b) for pair in found} == {(3, 29), (5, 31), (3, 31), (5, 29)}

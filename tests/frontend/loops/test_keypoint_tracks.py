@@ -1,5 +1,7 @@
 """Track lookup by keypoint and share of conflicting matches, against plain loops and hand-made tracks."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -99,3 +101,12 @@ def test_only_matches_with_two_tracks_count() -> None:
     assert indexed.share_conflicts(make_matches((0, 0), (6, 7))) == 0.0
     assert indexed.share_conflicts(make_matches((6, 7))) == 0.0
     assert indexed.share_conflicts(make_matches()) == 0.0
+
+
+def test_landmarks_on_both_sides_of_the_cut_behind_the_sonar_do_not_conflict() -> None:
+    """One has a bearing near pi, the other near -pi: they are a sigma apart."""
+    indexed = two_tracks((0.0, 0.0))
+    side = np.where(indexed.tracks.track == 0, 1, -1)
+    astern_rad = side * (np.pi - 0.5 * difference_sigma(SONAR, NOISE)[1])
+    behind = replace(indexed, tracks=replace(indexed.tracks, bearing_rad=astern_rad))
+    assert behind.share_conflicts(make_matches((0, 1))) == 0.0

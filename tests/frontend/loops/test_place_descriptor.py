@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from asfm.frontend.loops.place_descriptor import RINGS, SECTORS, describe_place, place_similarity
+from asfm.frontend.loops.place_descriptor import (
+    MAX_SHIFT,
+    MIN_OVERLAP,
+    RINGS,
+    SECTORS,
+    describe_place,
+    place_similarity,
+)
 from asfm.geometry.sonar import SonarModel
 from asfm.types import FloatArray, Frame
 
@@ -80,3 +87,39 @@ def test_a_small_image_has_a_descriptor() -> None:
     image = np.random.default_rng(0).random(shape).astype(np.float32)
     descriptor = describe_place(Frame(0, 0.0, image, np.zeros(shape, dtype=bool)), sonar)
     assert 0.0 <= place_similarity(descriptor, descriptor) <= 1.0
+
+
+@pytest.mark.parametrize("decibel_span", [None, 40.0])
+def test_cells_are_the_mean_roots_of_the_amplitudes_over_the_median_of_their_ring(decibel_span: float | None) -> None:
+    rng = np.random.default_rng(0)
+    invalid = rng.random(SHAPE) < 0.3
+    invalid[:20, :8] = True
+    frame = Frame(0, 0.0, rng.random(SHAPE, dtype=np.float32), invalid, decibel_span)
+    root = np.where(invalid, np.nan, np.sqrt(frame.amplitude.astype(float)))
+    rows, columns = SHAPE[0] // RINGS, SHAPE[1] // SECTORS
+    cells = root.reshape(RINGS, rows, SECTORS, columns).transpose(0, 2, 1, 3).reshape(RINGS, SECTORS, -1)
+    known = np.isfinite(cells).any(axis=2)
+    assert not known[0, 0] and known.sum() == known.size - 1
+    mean = np.array([[np.nanmean(cell) if np.isfinite(cell).any() else np.nan for cell in ring] for ring in cells])
+    expected = mean - np.nanmedian(mean, axis=1, keepdims=True)
+    np.testing.assert_allclose(describe_place(frame, SONAR), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_similarity_is_the_largest_correlation_over_all_shifts_with_half_an_overlap(seed: int) -> None:
+    """Descriptors with a trend, whose corners alone would correlate better."""
+    rng = np.random.default_rng(seed)
+    first, second = rng.normal(0.5, 1.0, (2, RINGS, SECTORS))
+    first[:4, :4], second[-4:, -4:] = 5 * rng.random((4, 4)), 3.0
+    second[-6:, -6:] = first[:6, :6]
+    first[rng.random(first.shape) < 0.1] = np.nan
+    best = 0.0
+    for down in range(-MAX_SHIFT[0], MAX_SHIFT[0] + 1):
+        for right in range(-MAX_SHIFT[1], MAX_SHIFT[1] + 1):
+            rows = np.arange(max(0, -down), RINGS - max(0, down))
+            columns = np.arange(max(0, -right), SECTORS - max(0, right))
+            a, b = first[np.ix_(rows, columns)].ravel(), second[np.ix_(rows + down, columns + right)].ravel()
+            both = np.isfinite(a) & np.isfinite(b)
+            if both.sum() >= MIN_OVERLAP * RINGS * SECTORS:
+                best = max(best, float(np.corrcoef(a[both], b[both])[0, 1]))
+    assert place_similarity(first, second) == pytest.approx(best, abs=1e-9)

@@ -78,3 +78,23 @@ def test_no_match_or_a_single_one_is_no_outlier(count: int) -> None:
     pixel_a, pixel_b = rigid_pair(np.random.default_rng(0), count)
     outliers = find_distance_outliers(pixel_a, pixel_b, APERTURE_RAD, np.zeros(count))
     assert outliers.shape == (count,) and not outliers.any()
+
+
+@pytest.mark.parametrize(("share", "consistent"), [(0.99, True), (1.01, False)])
+@pytest.mark.parametrize("swapped", [False, True])
+def test_distances_may_differ_by_the_slacks_of_both_points_in_quadrature(
+    share: float, consistent: bool, swapped: bool
+) -> None:
+    """Two points on one beam without elevation: their distance is that of their ranges."""
+    slack_m = np.array([0.03, 0.04])
+    near, far = np.array([[2.0, 0.1], [3.0, 0.1]]), np.array([[2.0, 0.1], [3.0 + share * 0.05, 0.1]])
+    pixels = (far, near) if swapped else (near, far)
+    assert pairwise_distance_consistency(*pixels, 1e-9, slack_m)[0, 1] == consistent
+
+
+def test_an_aperture_beyond_half_a_turn_bounds_nothing_more_than_half_a_turn() -> None:
+    range_m, bearing_rad = np.array([2.0, 3.0, 5.0]), np.array([-0.4, 0.0, 0.7])
+    for wide, half_turn in zip(
+        distance_bounds_m(range_m, bearing_rad, 5.0), distance_bounds_m(range_m, bearing_rad, np.pi), strict=True
+    ):
+        np.testing.assert_array_equal(wide, half_turn)

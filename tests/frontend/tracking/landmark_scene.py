@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from asfm.config import Config
 from asfm.frontend.tracking.triangulated_tracks import TriangulatedTracks
 from asfm.geometry.feature_noise import feature_sigma
-from asfm.geometry.poses import invert, make_pose, transform
+from asfm.geometry.poses import invert, make_pose, transform, wrap_angle
 from asfm.geometry.sonar import SonarModel, project
 from asfm.types import BoolArray, FloatArray, IntArray, Keypoints, Matches, Tracks
 from tests.worlds import make_keypoints, random_points
@@ -95,3 +95,22 @@ def without_frame(frame: int) -> IntArray:
     label = one_track_per_point()
     label[frame] = -1
     return label
+
+
+ALL_AROUND = SonarModel.evenly_spaced("all around", (0.5, 10.0), (-np.pi, np.pi), (600, 1149), 0.35)
+"""Sonar of the same pixels that sees behind itself."""
+
+
+def turn_astern(triangulated: TriangulatedTracks) -> TriangulatedTracks:
+    """Mount the sonar the other way round: what was ahead lies behind, at bearings near pi and -pi."""
+    half_turn = make_pose(np.zeros(3), Rotation.from_rotvec([0.0, 0.0, np.pi]))
+
+    def turn(bearing_rad: FloatArray) -> FloatArray:
+        return wrap_angle(bearing_rad + np.pi)
+
+    return replace(
+        triangulated,
+        tracks=replace(triangulated.tracks, bearing_rad=turn(triangulated.tracks.bearing_rad)),
+        keypoints=[replace(frame, bearing_rad=turn(frame.bearing_rad)) for frame in triangulated.keypoints],
+        world_from_sonar=triangulated.world_from_sonar @ half_turn,
+    )

@@ -11,7 +11,9 @@ from asfm.frontend.tracking.triangulated_tracks import TriangulatedTracks, predi
 from asfm.geometry.poses import invert, transform
 from asfm.geometry.sonar import back_project, project
 from asfm.types import Matches, Tracks
+from tests.frontend.tracking.guided_reference import match_plainly
 from tests.frontend.tracking.landmark_scene import (
+    ALL_AROUND,
     FRAMES,
     MIDDLE,
     POINTS,
@@ -19,6 +21,7 @@ from tests.frontend.tracking.landmark_scene import (
     LandmarkScene,
     make_scene,
     one_track_per_point,
+    turn_astern,
     without_frame,
 )
 from tests.worlds import make_keypoints
@@ -166,3 +169,34 @@ def test_stated_sigmas_are_those_of_the_new_keypoint() -> None:
     for match in found:
         assert match.sigma is not None
         np.testing.assert_allclose(match.sigma, np.tile(triangulated.default_sigma, (len(match), 1)))
+
+
+def test_landmarks_behind_the_sonar_are_matched_like_those_ahead_of_it() -> None:
+    """Bearings jump from pi to -pi astern."""
+    ahead = replace(make_scene(noise=1.0).triangulate(without_frame(MIDDLE)), sonar=ALL_AROUND)
+    found, expected = match_to_landmarks(turn_astern(ahead), WINDOW), match_to_landmarks(ahead, WINDOW)
+    assert [match.index.tolist() for match in found] == [match.index.tolist() for match in expected]
+    assert sum(len(match) for match in found) > 0.8 * POINTS
+
+
+@pytest.mark.parametrize(("seed", "stated"), [(0, False), (1, True)])
+def test_matches_and_costs_are_those_of_a_plain_search(seed: int, stated: bool) -> None:
+    """Tracks with gaps, in two halves, with points off the truth or without any, and keypoints beside each other."""
+    rng, label = np.random.default_rng(seed), one_track_per_point()
+    label[FRAMES // 2 :] += POINTS
+    label[rng.random(label.shape) < 0.4] = -1
+    triangulated = make_scene(seed, noise=1.5).triangulate(label)
+    tracks = triangulated.tracks
+    if stated:
+        sigma = triangulated.default_sigma * rng.uniform(0.3, 3.0, (len(tracks), 2))
+        triangulated = replace(triangulated, tracks=replace(tracks, sigma=sigma))
+    xyz_m = triangulated.xyz_m + rng.normal(0, 0.03, (tracks.count, 3))
+    triangulated = replace(triangulated, xyz_m=xyz_m, has_point=rng.random(tracks.count) < 0.8)
+    found = {
+        (match.frame_a, a, match.frame_b, b): cost
+        for match in match_to_landmarks(triangulated, WINDOW)
+        for (a, b), cost in zip(match.index.tolist(), match.cost.tolist(), strict=True)
+    }
+    expected = match_plainly(triangulated, WINDOW)
+    assert len(expected) > 50 and set(found) == set(expected)
+    np.testing.assert_allclose([found[key] for key in expected], list(expected.values()), rtol=1e-6)

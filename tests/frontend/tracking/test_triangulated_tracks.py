@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.optimize import approx_fprime
+from scipy.spatial.transform import Rotation
 
 from asfm.frontend.tracking.triangulated_tracks import (
     APERTURE_MARGIN_RAD,
@@ -13,10 +14,11 @@ from asfm.frontend.tracking.triangulated_tracks import (
     predict_observations,
 )
 from asfm.geometry.feature_noise import feature_sigma
-from asfm.geometry.poses import invert, transform
+from asfm.geometry.poses import invert, make_pose, transform
 from asfm.geometry.sonar import SonarModel, project
 from asfm.types import FloatArray
 from tests.frontend.tracking.landmark_scene import (
+    ALL_AROUND,
     CONFIG,
     FRAMES,
     MIDDLE,
@@ -24,6 +26,7 @@ from tests.frontend.tracking.landmark_scene import (
     SONAR,
     make_scene,
     one_track_per_point,
+    turn_astern,
     without_frame,
 )
 from tests.worlds import range_bearing
@@ -163,3 +166,21 @@ def test_points_outside_image_or_aperture_are_not_predicted() -> None:
     observed_elsewhere = np.isin(np.arange(POINTS), triangulated.tracks.track[elsewhere])
     assert predicted.track.tolist() == np.flatnonzero(inside & observed_elsewhere).tolist()
     assert 0 < len(predicted.track) < POINTS / 2
+
+
+def test_inliers_behind_the_sonar_are_those_ahead_of_it() -> None:
+    """Bearings jump from pi to -pi astern."""
+    ahead = replace(make_scene(noise=2.5).triangulate(one_track_per_point()), sonar=ALL_AROUND)
+    assert 0.05 < np.mean(~ahead.inlier) < 0.95
+    np.testing.assert_array_equal(turn_astern(ahead).inlier, ahead.inlier)
+
+
+def test_points_that_a_turned_frame_does_not_see_are_not_predicted() -> None:
+    triangulated = make_scene(noise=0.0).triangulate(without_frame(MIDDLE))
+    turn = make_pose(np.zeros(3), Rotation.from_rotvec([0.0, 0.0, 0.7]))
+    poses = triangulated.world_from_sonar.copy()
+    poses[MIDDLE] = poses[MIDDLE] @ turn
+    turned = replace(triangulated, world_from_sonar=poses)
+    seen = SONAR.sees(transform(invert(poses[MIDDLE]), turned.xyz_m))
+    assert 0.1 < seen.mean() < 0.9
+    np.testing.assert_array_equal(predict_observations(turned, MIDDLE, WINDOW).track, np.flatnonzero(seen))
