@@ -26,6 +26,8 @@ MIN_STRETCH_DECREASE = 2.0
 MIN_DECREASE = 2.5
 """A convention is reported where the cost of all frames falls by more than this: odds of 12 to 1. The observations are
 those that the readings as recorded have selected, so that right ones are far from it."""
+RIVAL_INCREASE = 5.0
+"""Conventions whose costs differ by less than this are named beside each other."""
 LEVEL_TOLERANCE = 0.05
 """A mounting is level where its rotation commutes with the reflection of the vertical up to this, as a sine."""
 MIN_SPREAD_RAD = 0.15
@@ -74,7 +76,7 @@ CONVENTIONS = (
 
 
 def diagnose_conventions(solution: Solution, timestamps_s: FloatArray) -> tuple[Diagnostic, ...]:
-    """Report the conventions of depth and attitude that fit the images better than what was recorded, best first.
+    """Report the conventions of depth and attitude that fit the images better than what was recorded, the commonest first.
 
     Args:
         solution: poses and points at the optimum.
@@ -91,11 +93,14 @@ def diagnose_conventions(solution: Solution, timestamps_s: FloatArray) -> tuple[
     if min(in_stretch.values(), default=0.0) > -MIN_STRETCH_DECREASE:
         return ()
     increase = compare_all(solution, candidates)
-    better = sorted((value, name) for name, value in increase.items() if value < -MIN_DECREASE)
-    if not better:
+    least = min(increase.values())
+    if least > -MIN_DECREASE:
         return ()
-    mirrored = {item.name: f" or {item.mirrored}" if item.mirrored else "" for item in candidates}
-    named = "; or with ".join(f"{name}{mirrored[name]} (cost lower by {-value:.1f})" for value, name in better)
+    named = "; or with ".join(
+        f"{item.name}{f' or {item.mirrored}' if item.mirrored else ''} (cost lower by {-increase[item.name]:.1f})"
+        for item in candidates
+        if increase[item.name] < min(-MIN_DECREASE, least + RIVAL_INCREASE)
+    )
     message = (
         f"depth and attitude fit the images better with {named}; nothing is changed: check signs, axes and units of "
         "the navigation (z_m grows upwards, pitch_rad is positive bow down, roll_rad positive to starboard)"

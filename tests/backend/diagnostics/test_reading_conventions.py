@@ -5,7 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from asfm.backend.diagnostics.reading_conventions import CONVENTIONS, convert_readings, diagnose_conventions
+from asfm.backend.diagnostics.reading_conventions import (
+    CONVENTIONS,
+    compare_stretch,
+    convert_readings,
+    diagnose_conventions,
+)
 from asfm.backend.estimation.solution import Solution
 from asfm.backend.graph.bundle_adjustment import adjust_bundle
 from asfm.geometry.poses import depth_roll_pitch, invert, transform
@@ -37,17 +42,24 @@ def right() -> Solution:
 
 def record(right: Solution, name: str) -> Solution:
     """Solve the world as it is where the readings are recorded in another convention."""
-    return solve_again(convert_readings(right, np.linalg.inv(NAMED[name].from_recorded)))
+    return solve_again(convert_readings(right, np.linalg.inv(NAMED[name].from_recorded).astype(np.float64)))
 
 
 def test_right_readings_are_not_questioned(right: Solution) -> None:
     assert diagnose_conventions(right, STAMPS_S) == ()
 
 
-@pytest.mark.parametrize("name", [item.name for item in CONVENTIONS[1:4:2]])
-def test_a_wrong_convention_is_named(name: str, right: Solution) -> None:
+def test_marine_readings_are_named(right: Solution) -> None:
+    name = "z_m and pitch_rad negated (NED/FRD)"
     (found,) = diagnose_conventions(record(right, name), STAMPS_S)
     assert found.code == "navigation-convention" and name in found.message
+
+
+@pytest.mark.parametrize("name", ["z_m negated (a depth)", "roll_rad and pitch_rad exchanged"])
+def test_a_stretch_fits_better_with_the_right_convention(name: str, right: Solution) -> None:
+    increase = compare_stretch(record(right, name), STAMPS_S, [NAMED[name]])
+    assert increase[name] < -10
+    assert compare_stretch(right, STAMPS_S, [NAMED[name]])[name] > 10
 
 
 def test_nothing_is_said_with_odometry_or_without_readings(right: Solution) -> None:
