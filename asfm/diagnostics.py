@@ -61,6 +61,7 @@ CODES = {
     "depth-inconsistent": "the result differs from the depth readings by more than their stated noise",
     "attitude-inconsistent": "the result differs from the attitude readings by more than their stated noise",
     "images-inconsistent": "the result differs from what the images show by more than the noise of features",
+    "navigation-convention": "depth and attitude fit the images better with another sign, or with exchanged axes",
     "calibration-inconsistent": "images and other sensors fit together only with another calibration than stated",
     "estimated-lever-rotation": "the rotation of the sonar's mounting was estimated, as requested",
     "estimated-range-bias": "a constant range bias was estimated, as requested",

@@ -8,6 +8,7 @@ from asfm.backend.diagnostics.inconsistency import (
     withdraw_well_constrained,
 )
 from asfm.backend.diagnostics.observability import SPAN, warn_of_unreliable_poses
+from asfm.backend.diagnostics.reading_conventions import diagnose_conventions
 from asfm.backend.estimation.landmarks import describe_landmarks
 from asfm.backend.estimation.solution import Solution
 from asfm.backend.graph.marginal_covariance import measure_uncertainty
@@ -35,6 +36,8 @@ def summarise(
         clock: times the stage.
         diagnostics: those found before; the solution's own are added.
     """
+    with clock.stage("conventions"):
+        conventions = diagnose_conventions(solution, sequence.timestamps_s)
     with clock.stage("landmarks") as report:
         span, information = min(SPAN, len(sequence) - 1), marginalise_points(solution.bundle)
         uncertainty = measure_uncertainty(solution.bundle, solution.elevation_information_ratio, span, information)
@@ -42,7 +45,7 @@ def summarise(
         mirror = find_mirror(solution, config.backend.scene)
         stated = inflate_for_mirror(uncertainty, solution, mirror)
         landmarks = describe_landmarks(solution, stated.point_m2, sequence, config)
-        landmarks = withdraw_well_constrained(landmarks, consistency)
+        landmarks = withdraw_well_constrained(landmarks, consistency, bool(conventions))
         report.counts = {"landmarks": len(landmarks), "well constrained": int(landmarks.well_constrained.sum())}
     return Reconstruction(
         trajectory=Trajectory(sequence.timestamps_s, solution.bundle.world_from_vehicle),
@@ -56,6 +59,7 @@ def summarise(
             *warn_of_mirror(uncertainty, solution.bundle, mirror),
             *warn_of_unreliable_poses(solution, uncertainty),
             *warn_of_inconsistency(consistency),
+            *conventions,
         ),
         consistency=consistency,
     )

@@ -1,5 +1,6 @@
 """Inconsistency of a solution with its measurements: residual statistics, calibration scores, and their diagnostics."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,8 @@ MIN_SCORE_SIGMAS = 3.3
 """A calibration error is reported from this many of its standard deviations on."""
 RIVAL_SHARE = 0.6
 """Other explanations are named beside the best one from this share of its standard deviations on."""
+OF_READINGS = (NUMBER["depth_scale"], NUMBER["navigation_delay"])
+"""Parameters that are examined without odometry: the motion prior, which prefers a small world, biases all others."""
 MAX_EXPLANATIONS = 4
 """Explanations named at most."""
 MIN_USED_SHARE, MIN_OBSERVATIONS = 0.3, 100
@@ -41,7 +44,8 @@ def measure_consistency(
     residuals = measure_residuals(blocks, len(timestamps_s))
     if len(blocks) < 2 or not solution.observed.any():
         return Consistency(residuals)
-    scores = _list_scores(score_calibration(blocks, information))
+    examined = range(len(PARAMETERS)) if solution.problem.sensors.measured else OF_READINGS
+    scores = _list_scores(score_calibration(blocks, information), examined)
     return Consistency(residuals, scores, measure_used_share(solution, max_views))
 
 
@@ -54,10 +58,10 @@ def measure_used_share(solution: Solution, max_views: int) -> float:
     return min(float(np.count_nonzero(solution.observed) / possible), 1.0)
 
 
-def _list_scores(scores: CalibrationScores) -> tuple[CalibrationScore, ...]:
-    """List the error of every observed parameter, estimated alone."""
+def _list_scores(scores: CalibrationScores, examined: Iterable[int]) -> tuple[CalibrationScore, ...]:
+    """List the error of every examined parameter that is observed, estimated alone."""
     found = []
-    for index in scores.observed.tolist():
+    for index in sorted(set(examined) & set(scores.observed.tolist())):
         value, sigma = (float(array[0]) for array in scores.estimate([index]))
         parameter = PARAMETERS[index]
         inconsistent = abs(value) > max(MIN_SCORE_SIGMAS * sigma, parameter.tolerance)
@@ -131,9 +135,15 @@ def _explain(score: CalibrationScore) -> str:
     return f"{meaning} by {size:.2g} +- {sigma:.1g} {parameter.unit}"
 
 
-def withdraw_well_constrained(landmarks: Landmarks, consistency: Consistency) -> Landmarks:
-    """Mark no landmark as well constrained where measurements contradict the poses: its sigma is not to be trusted."""
+def withdraw_well_constrained(landmarks: Landmarks, consistency: Consistency, contradicted: bool = False) -> Landmarks:
+    """Mark no landmark as well constrained where measurements contradict the poses: its sigma is not to be trusted.
+
+    Args:
+        landmarks: as the covariances say.
+        consistency: of the residuals and the calibration.
+        contradicted: whether another test found that the measurements contradict each other.
+    """
     sensors = any(item.inconsistent for item in consistency.residuals)
-    contradicted = sensors or any(item.inconsistent for item in consistency.calibration)
+    contradicted = contradicted or sensors or any(item.inconsistent for item in consistency.calibration)
     contradicted |= consistency.used_share < MIN_USED_SHARE
     return replace(landmarks, well_constrained=landmarks.well_constrained & (not contradicted))

@@ -232,7 +232,17 @@ def test_recorder_receives_every_frame_in_order_and_the_result(tank: Sequence) -
     assert observer.results == [run.reconstruction]
     assert [done for stage, done, total in progress if stage == "front-end" and total == 5] == [1, 2, 3, 4, 5]
     names = [stage.name for stage in run.stages]
-    assert names == ["front-end", "initialisation", "round 1", "loops", "round 2", "round 3", "landmarks", "record"]
+    assert names == [
+        "front-end",
+        "initialisation",
+        "round 1",
+        "loops",
+        "round 2",
+        "round 3",
+        "conventions",
+        "landmarks",
+        "record",
+    ]
     assert all(stage.wall_s >= 0 for stage in run.stages)
     assert run.stages[0].counts["frames"] == 5
 

@@ -28,8 +28,9 @@ def test_covariances_state_the_mirror_image_and_every_check_is_heard(
     informed = stub("marginalise_points", "information")
     measured = stub("measure_uncertainty", within)
     compared = stub("measure_consistency", "consistency")
+    examined = stub("diagnose_conventions", ("convention",))
     contradicted = stub("warn_of_inconsistency", ("inconsistent",))
-    withdrawn = stub("withdraw_well_constrained", lambda given, _: replace(given, well_constrained=given.views > 99))
+    withdrawn = stub("withdraw_well_constrained", lambda given, *_: replace(given, well_constrained=given.views > 99))
     mirrors = stub("find_mirror", "mirror")
     inflated = stub("inflate_for_mirror", SimpleNamespace(pose="over both images", point_m2="of both images"))
     described = stub("describe_landmarks", landmarks)
@@ -40,10 +41,9 @@ def test_covariances_state_the_mirror_image_and_every_check_is_heard(
     before: Any = ("found before",)
     found: Any = summarise(sequence, solution, config, clock, before)
     assert informed == [(bundle,)] and measured == [(bundle, ratio, SPAN, "information")]
-    assert compared == [
-        (solution, sequence.timestamps_s, "information", config.backend.max_views)
-    ] and contradicted == [("consistency",)]
-    assert withdrawn == [(landmarks, "consistency")] and found.consistency == "consistency"
+    assert compared == [(solution, sequence.timestamps_s, "information", config.backend.max_views)]
+    assert withdrawn == [(landmarks, "consistency", True)] and found.consistency == "consistency"
+    assert contradicted == [("consistency",)] and examined == [(solution, sequence.timestamps_s)]
     assert mirrors == [(solution, scene)]
     assert inflated == [(within, solution, "mirror")]
     assert described[0][1] == "of both images" and found.pose_covariance == "over both images"
@@ -55,9 +55,10 @@ def test_covariances_state_the_mirror_image_and_every_check_is_heard(
         "unobserved",
         "uncertain",
         "inconsistent",
+        "convention",
     )
     assert (
         not found.landmarks.well_constrained.any() and found.trajectory.world_from_vehicle is bundle.world_from_vehicle
     )
     assert found.tracks == "tracks" and found.observed == "used"
-    assert clock.reports[0].counts == {"landmarks": 5, "well constrained": 0}
+    assert clock.reports[-1].counts == {"landmarks": 5, "well constrained": 0}

@@ -46,6 +46,18 @@ def test_right_measurements_are_consistent(seed: int, navigation: bool) -> None:
     assert {"sonar range", "odometry rotation"} <= sensors and ("depth" in sensors) == navigation
 
 
+def test_without_odometry_only_the_readings_are_examined() -> None:
+    """The motion prior prefers a small world: it would be taken for ranges that are too long."""
+    solution = solve_vehicle()
+    sensors = replace(solution.problem.sensors, measured=False)
+    found = measure(replace(solution, problem=replace(solution.problem, sensors=sensors)))
+    assert {item.parameter for item in found.calibration} == {"depth_scale", "navigation_delay"}
+
+
+def test_what_another_test_contradicts_is_not_well_constrained() -> None:
+    assert not withdraw_well_constrained(make_landmarks(5, 2), Consistency(), True).well_constrained.any()
+
+
 def test_attitude_in_degrees_contradicts_the_result() -> None:
     found = measure(solve_vehicle(with_attitude_in_degrees(make_vehicle_sequence())))
     codes = [item.code for item in warn_of_inconsistency(found)]
