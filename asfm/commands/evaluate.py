@@ -12,7 +12,6 @@ from asfm.datasets.hloc.features_matches import read_hloc
 from asfm.datasets.hloc.image_names import name_images
 from asfm.datasets.tables import read_tum
 from asfm.errors import AsfmError
-from asfm.evaluation.accuracy_bound import add_bound, measure_bound
 from asfm.evaluation.association import within_reach
 from asfm.evaluation.covariance_consistency import evaluate_consistency
 from asfm.evaluation.matching import evaluate_matching
@@ -106,6 +105,8 @@ def _add_truth(folder: Path, source: Path, sequence: Sequence, table: Evaluation
     table = EvaluationTable(table.rows + rows, table.notes)
     if read_truth is None:
         return table
+    from asfm.evaluation.accuracy_bound import add_bound, measure_bound  # loads SciPy
+
     return add_bound(table, measure_bound(sequence, read_truth, tracks, observed, config))
 
 
