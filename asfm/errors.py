@@ -5,7 +5,7 @@ from typing import Any
 
 MAX_QUOTED = 80
 """Characters of the input that a message repeats at most."""
-MAX_MESSAGE = 1000
+MAX_MESSAGE = 700
 """Characters of a whole message; what is in the middle of a longer one is left out."""
 MAX_DIGITS = 30
 """Digits of a whole number that is quoted digit by digit."""

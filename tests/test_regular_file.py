@@ -2,6 +2,7 @@
 
 import os
 import socket
+import tracemalloc
 from pathlib import Path
 
 import pytest
@@ -93,3 +94,15 @@ def test_paths_that_lead_outside_a_folder_are_refused(tmp_path: Path) -> None:
     for name in ("../secret", "link", "out/x", "../in2/x", str(tmp_path / "secret"), "deeper/../../secret"):
         with pytest.raises(AsfmError, match=r"leads outside, to .*: copy the file into the folder"):
             check_inside(folder, folder / name, "an image")
+
+
+def test_a_small_file_takes_little_memory_whatever_its_limit(tmp_path: Path) -> None:
+    """Python takes the memory for as many bytes as it is asked to read."""
+    path = tmp_path / "x"
+    path.write_bytes(b"content")
+    tracemalloc.start()
+    try:
+        assert read_file(path, "a table", max_bytes=1 << 30) == b"content"
+        assert tracemalloc.get_traced_memory()[1] < 1 << 20
+    finally:
+        tracemalloc.stop()

@@ -50,14 +50,15 @@ def asfm(
 @takes_options(RunOptions)
 def run(options: RunOptions) -> None:
     """Reconstruct the trajectory and a 3-D point map of a sequence."""
-    from asfm.commands import run_sequence
-    from asfm.commands.text import describe_results
     from asfm.config_file import load_config
 
     overrides = tuple(options.settings or ()) + (() if options.mode is None else (f"mode={options.mode}",))
     config = load_config(options.config, overrides)
     if (options.features is None) != (options.matches is None):
         raise AsfmError("--features and --matches: expected both or neither, found one")
+    from asfm.commands import run_sequence  # after the checks above, which need little
+    from asfm.commands.text import describe_results
+
     external = None if options.features is None or options.matches is None else (options.features, options.matches)
     with show_progress() as progress:
         summary = run_sequence(

@@ -12,7 +12,6 @@ from asfm.datasets.hloc.features_matches import read_hloc
 from asfm.datasets.hloc.image_names import name_images
 from asfm.datasets.tables import read_tum
 from asfm.errors import AsfmError
-from asfm.evaluation.accuracy_bound import add_bound, measure_bound
 from asfm.evaluation.association import within_reach
 from asfm.evaluation.covariance_consistency import evaluate_consistency
 from asfm.evaluation.matching import evaluate_matching
@@ -33,6 +32,8 @@ from asfm.types import BoolArray, FloatArray, IntArray, Trajectory
 
 NEEDED = (TRACKS, POINTS, POSE_COVARIANCES, FEATURES, MATCHES)
 """Files that the comparison with ground truth reads besides the trajectory."""
+STAMP_TOLERANCE_S = 1e-5
+"""asfm writes the stamps of a trajectory exactly; other programs that save it round them."""
 SAME_WORLD_RAD, SAME_WORLD_M = 0.2, 1.0
 """Odometry and true poses that start this near each other are in one world."""
 
@@ -82,6 +83,7 @@ def _add_truth(folder: Path, source: Path, sequence: Sequence, table: Evaluation
         return EvaluationTable(table.rows, (*table.notes, note))
     read_truth, config = open_truth(source), load_config(folder / CONFIG)
     estimate = read_trajectory(folder / TRAJECTORY)
+    _check_frames(folder / TRAJECTORY, estimate, sequence)
     truth, _ = clean_reference(sequence.groundtruth, estimate)
     if read_truth is not None and not within_reach(sequence.timestamps_s, truth.timestamps_s).all():
         note = "The true poses do not cover all frames: their elevations, and the bound made from them, are not used."
@@ -106,7 +108,20 @@ def _add_truth(folder: Path, source: Path, sequence: Sequence, table: Evaluation
     table = EvaluationTable(table.rows + rows, table.notes)
     if read_truth is None:
         return table
+    from asfm.evaluation.accuracy_bound import add_bound, measure_bound  # loads SciPy
+
     return add_bound(table, measure_bound(sequence, read_truth, tracks, observed, config))
+
+
+def _check_frames(path: Path, estimate: Trajectory, sequence: Sequence) -> None:
+    """Check that a run's trajectory has the frames of the sequence."""
+    found, expected = estimate.timestamps_s, sequence.timestamps_s
+    if len(found) != len(expected):
+        what = f"a pose for each of the {len(expected)} frames of the sequence, found {len(found)}"
+        raise AsfmError(f"{path}: expected {what}; run asfm run again")
+    for frame in np.flatnonzero(np.abs(found - expected) > STAMP_TOLERANCE_S)[:1]:
+        what = f"the stamp {expected[frame]:.6f} s of frame {frame} of the sequence, found {found[frame]:.6f} s"
+        raise AsfmError(f"{path}: expected {what}; run asfm run again")
 
 
 @dataclass(frozen=True)

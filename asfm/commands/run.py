@@ -63,14 +63,14 @@ def run_sequence(
     Raises:
         AsfmError: the sequence or the matches cannot be read, or the results folder cannot be written.
     """
-    from asfm.pipeline.reconstruction import reconstruct  # loads GTSAM
-
     begin_s = time.perf_counter()
     config = config or Config()
     sequence = open_sequence(path)
     sequence.check_frames()
     names = name_images(path, sequence)
     given = external_matches and read_hloc(*external_matches, sequence, names)
+    from asfm.pipeline.reconstruction import reconstruct  # loads GTSAM; a refused input need not wait for it
+
     with atomic_folder(output, RESULTS, overwrite) as folder:
         with closing(_make_recorder(folder / RECORDING, sequence, recording)) as recorder:
             run = reconstruct(sequence, config, recorder, progress, given)

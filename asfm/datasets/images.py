@@ -1,13 +1,13 @@
 """Grey PNG images: header, decoding with integrity checks, scaling to 0..1, and encoding."""
 
 import struct
-import zlib
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from asfm.datasets.png_chunks import SIGNATURE, extract_grey_png
 from asfm.errors import AsfmError
 from asfm.file_kinds import SNIFFED_BYTES, name_kind
 from asfm.regular_file import open_file, read_file
@@ -15,7 +15,6 @@ from asfm.types import ImageArray
 
 Bits = Literal[8, 16]
 
-SIGNATURE = b"\x89PNG\r\n\x1a\n"
 HEADER_BYTES = 33
 """Signature and the whole IHDR chunk."""
 MAX_BYTES = 256 << 20
@@ -64,7 +63,7 @@ def read_grey_png(path: Path, shape: tuple[int, int]) -> NDArray[Any]:
 
     content = read_file(path, EXPECTED, MAX_BYTES)
     _check_shape(path, _parse_header(path, content, len(content)), shape)
-    _check_chunks(path, content)
+    content = extract_grey_png(path, content)
     try:
         pixels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:  # more pixels than OpenCV accepts
@@ -120,19 +119,3 @@ def _check_shape(path: Path, found: tuple[int, int], shape: tuple[int, int]) -> 
             f"{path}: expected {shape[0]} x {shape[1]} pixels (ranges x beams) as in the first image, "
             f"found {found[0]} x {found[1]}"
         )
-
-
-def _check_chunks(path: Path, content: bytes) -> None:
-    """Check the chunks and their checksums: decoders silently fill a truncated file with black."""
-    position = len(SIGNATURE)
-    while position + 12 <= len(content):
-        length, name = struct.unpack_from(">I4s", content, position)
-        end = position + 12 + length
-        if end > len(content):
-            break
-        if zlib.crc32(content[position + 4 : end - 4]) != struct.unpack_from(">I", content, end - 4)[0]:
-            raise AsfmError(f"{path}: expected an intact PNG image, found a wrong checksum at byte {position}")
-        if name == b"IEND":
-            return
-        position = end
-    raise AsfmError(f"{path}: expected a complete PNG image, found one cut off after {len(content)} bytes")

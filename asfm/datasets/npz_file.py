@@ -1,6 +1,7 @@
 """NumPy archives (.npz) from untrusted sources: shape and type are checked before an array is allocated."""
 
 import io
+import warnings
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -62,7 +63,9 @@ def _read_header(path: Path, file: io.BytesIO, name: str, shape: tuple[int, ...]
     version = npy.read_magic(file)
     if version not in HEADER_READERS:
         raise AsfmError(f"{path}: expected {name} in version 1 or 2 of NumPy's format, found {version[0]}")
-    found, is_fortran, dtype = HEADER_READERS[version](file)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # NumPy warns of headers that Python 2 wrote, and reads them
+        found, is_fortran, dtype = HEADER_READERS[version](file)
     if found != shape:
         raise AsfmError(f"{path}: expected {name} of shape {shape} (ranges, beams), found {shorten(str(found))}")
     if not (np.issubdtype(dtype, np.floating) or np.issubdtype(dtype, np.unsignedinteger)):

@@ -1,7 +1,6 @@
 """Summary of a sequence as rows of text for ``asfm info``."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from asfm.geometry.sonar import SonarModel
 from asfm.sequence import Sequence
@@ -101,6 +100,8 @@ def _describe_hand_tracks(tracks: HandTracks | None) -> str:
 
 
 def _describe_lever_arm(sequence: Sequence) -> str:
+    from scipy.spatial.transform import Rotation  # slow to load
+
     pose = sequence.vehicle_from_sonar
     distance_m = float(np.linalg.norm(pose[:3, 3]))
     rotation_deg = float(np.degrees(Rotation.from_matrix(pose[:3, :3]).magnitude()))

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from asfm.evaluation.association import within_reach
 from asfm.geometry.poses import interpolate, invert, transform, wrap_angle
@@ -70,6 +69,7 @@ def _fit_landmark(
     range_m: FloatArray, bearing_rad: FloatArray, sonar_from_world: FloatArray, sonar: SonarModel
 ) -> FloatArray:
     """Triangulate one point by least squares and return its (2, V) residuals in pixels, ranges then bearings."""
+    from scipy.optimize import least_squares  # slow to load
 
     def residuals(xyz_m: FloatArray) -> FloatArray:
         expected_range_m, expected_bearing_rad, _ = project(transform(sonar_from_world, xyz_m))

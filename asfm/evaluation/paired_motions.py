@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from asfm.navigation.outlier_filter import MAD_TO_SIGMA, MIN_READINGS, OUTLIER_SIGMAS, running_median
 from asfm.types import BoolArray, FloatArray
@@ -87,6 +86,8 @@ def _turns_its_course(poses: FloatArray, step: int) -> bool:
 
 def step_vectors(poses: FloatArray) -> FloatArray:
     """Return the (2, R - 1, 3) translations in m and rotation vectors in rad from each pose to the next."""
+    from scipy.spatial.transform import Rotation  # slow to load
+
     rotation = Rotation.from_matrix(poses[:, :3, :3])
     turn_rad = (rotation[:-1].inv() * rotation[1:]).as_rotvec()
     return np.stack([np.diff(poses[:, :3, 3], axis=0), turn_rad])

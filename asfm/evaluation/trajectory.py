@@ -6,7 +6,6 @@ The scale is never estimated: a sonar measures ranges, so a wrong scale is an er
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from asfm.errors import AsfmError
 from asfm.geometry.poses import interpolate, invert, make_pose
@@ -54,6 +53,8 @@ def align_se3(estimate: FloatArray, reference: FloatArray) -> FloatArray:
     Returns:
         (4, 4) reference_world_from_estimated_world.
     """
+    from scipy.spatial.transform import Rotation  # slow to load
+
     estimate_mean, reference_mean = estimate[:, :3, 3].mean(axis=0), reference[:, :3, 3].mean(axis=0)
     estimate_m, reference_m = estimate[:, :3, 3] - estimate_mean, reference[:, :3, 3] - reference_mean
     left, singular_values, right = np.linalg.svd(reference_m.T @ estimate_m / len(estimate))
@@ -136,6 +137,8 @@ def _steps_m(poses: FloatArray) -> FloatArray:
 
 
 def _rotation_angle(pose: FloatArray) -> FloatArray:
+    from scipy.spatial.transform import Rotation  # slow to load
+
     return np.asarray(Rotation.from_matrix(pose[:, :3, :3]).magnitude())
 
 
@@ -143,6 +146,8 @@ def _align_orientations(
     estimate: FloatArray, reference: FloatArray, line: tuple[FloatArray, FloatArray] | None
 ) -> FloatArray:
     """Align the mean orientation; a line, given as (estimated, true) direction, has infinite weight."""
+    from scipy.spatial.transform import Rotation  # slow to load
+
     targets = np.swapaxes(reference[:, :3, :3], 1, 2).reshape(-1, 3)
     sources = np.swapaxes(estimate[:, :3, :3], 1, 2).reshape(-1, 3)
     weights = np.ones(len(targets))

@@ -1,12 +1,19 @@
-"""Rigid transforms as stacks of 4 x 4 matrices, and their text form in TUM order (x y z qx qy qz qw)."""
+"""Rigid transforms as stacks of 4 x 4 matrices, and their text form in TUM order (x y z qx qy qz qw).
+
+SciPy's rotations are imported where they are used, so that an input that is refused earlier need not wait for them.
+"""
+
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
 from asfm.types import FloatArray
 
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
-def make_pose(translation_m: FloatArray, rotation: Rotation) -> FloatArray:
+
+def make_pose(translation_m: FloatArray, rotation: "Rotation") -> FloatArray:
     """Assemble (..., 4, 4) transforms from (..., 3) translations and a rotation (a stack of as many)."""
     translation_m = np.asarray(translation_m, dtype=float)
     pose = np.zeros((*translation_m.shape[:-1], 4, 4))
@@ -18,12 +25,16 @@ def make_pose(translation_m: FloatArray, rotation: Rotation) -> FloatArray:
 
 def pose_from_tum(row: FloatArray) -> FloatArray:
     """Turn (..., 7) rows x y z qx qy qz qw into (..., 4, 4) transforms; quaternions are normalised."""
+    from scipy.spatial.transform import Rotation
+
     row = np.asarray(row, dtype=float)
     return make_pose(row[..., :3], Rotation.from_quat(row[..., 3:]))
 
 
 def tum_from_pose(pose: FloatArray) -> FloatArray:
     """Turn (..., 4, 4) transforms into (..., 7) rows x y z qx qy qz qw with qw >= 0."""
+    from scipy.spatial.transform import Rotation
+
     quaternion = Rotation.from_matrix(pose[..., :3, :3]).as_quat(canonical=True)
     return np.concatenate([pose[..., :3, 3], quaternion], axis=-1)
 
@@ -56,6 +67,8 @@ def interpolate(timestamps_s: FloatArray, pose: FloatArray, at_s: FloatArray) ->
     Returns:
         (M, 4, 4).
     """
+    from scipy.spatial.transform import Rotation, Slerp
+
     if len(timestamps_s) == 1:
         return np.repeat(pose, len(at_s), axis=0)
     at_s = np.clip(at_s, timestamps_s[0], timestamps_s[-1])
@@ -126,6 +139,8 @@ def pose_log(pose: FloatArray) -> FloatArray:
     The inverse of the exponential map, for rotations below pi (Barfoot 2017, State Estimation for Robotics, section
     7.1.3). GTSAM's ``Pose3.Logmap`` has the same order; ``a.localCoordinates(b)`` is ``pose_log(invert(a) @ b)``.
     """
+    from scipy.spatial.transform import Rotation
+
     matrices = pose[..., :3, :3].reshape(-1, 3, 3)
     rotation_rad = Rotation.from_matrix(matrices).as_rotvec().reshape(*pose.shape[:-2], 3)
     angle_rad = np.linalg.norm(rotation_rad, axis=-1, keepdims=True)

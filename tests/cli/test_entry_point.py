@@ -33,6 +33,27 @@ def test_help_of_every_command_loads_no_heavy_module() -> None:
     assert found.stdout.splitlines()[-1] == "", "heavy modules were loaded"
 
 
+def test_refused_inputs_wait_for_no_heavy_library(tmp_path: Path) -> None:
+    """A refusal takes less than a second, most of it the import of NumPy and pydantic."""
+    folder, scenario = tmp_path / "sequence", tmp_path / "sonar.json"
+    folder.mkdir()
+    (folder / "sequence.yaml").write_text("a: [", encoding="utf-8")
+    scenario.write_text("{", encoding="utf-8")
+    refused = (
+        ("info", str(folder)),
+        ("run", str(folder), "--output", str(tmp_path / "out")),
+        ("run", str(folder), "--output", str(tmp_path / "out"), "--set", "ssl.radius_px=1e9"),
+        ("convert", str(folder), str(tmp_path / "out")),
+        ("evaluate", str(folder)),
+        ("simulate", "seafloor", "--sonar", str(scenario), "--output", str(tmp_path / "out")),
+    )
+    code = "import sys; from asfm.cli import run_command_line\n"
+    code += f"for arguments in {refused}: assert run_command_line(arguments) == 2, arguments\n"
+    code += "print(*{'scipy', 'cv2', 'skimage', 'sklearn', 'gtsam', 'rerun', 'trimesh', 'h5py'} & set(sys.modules))"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout == "\n", "heavy modules were loaded"
+
+
 def test_module_and_main_run_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
     found = subprocess.run([sys.executable, "-m", "asfm", "rum"], capture_output=True, text=True, check=False)
     assert (found.returncode, found.stdout) == (2, "")

@@ -118,3 +118,19 @@ def test_a_far_reference_with_a_lost_tracker_is_compared_where_it_is_known(
     assert run_command_line(["evaluate", str(results), "--reference", str(reference)]) == 2
     message = capsys.readouterr().err
     assert "nanoseconds" in message and message.count("\n") == 1
+
+
+def test_a_trajectory_of_other_frames_is_refused(demo_folder: Path, tmp_path: Path, capsys: Any) -> None:
+    results = tmp_path / "results"
+    shutil.copytree(demo_folder / "results", results)
+    path = results / "trajectory.tum"
+    header, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([header, *rows[:-1]]))
+    assert run_command_line(["evaluate", str(results)]) == 2
+    message = capsys.readouterr().err
+    assert "trajectory.tum: expected a pose for each of the 6 frames of the sequence, found 5" in message
+    stamp, pose = rows[-1].split(" ", 1)
+    path.write_text("\n".join([header, *rows[:-1], f"{float(stamp) + 0.01} {pose}"]))
+    assert run_command_line(["evaluate", str(results)]) == 2
+    message = capsys.readouterr().err
+    assert "of frame 5 of the sequence, found" in message and message.count("\n") == 1

@@ -66,3 +66,9 @@ def test_archives_that_are_damaged_are_refused(tmp_path: Path) -> None:
     with pytest.raises(AsfmError, match=r"a\.npz: expected arrays, found none"):
         (tmp_path / "a.npz").unlink()
         read_arrays(tmp_path / "a.npz", ("x",), (2, 3), "arrays")
+
+
+def test_a_header_of_python_2_is_read_without_a_warning(tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
+    path = pack(tmp_path / "a.npz", x=header("(2L, 3L)") + np.arange(6.0).tobytes())
+    np.testing.assert_array_equal(read_arrays(path, ("x",), (2, 3), "arrays")[0], np.arange(6.0).reshape(2, 3))
+    assert len(recwarn) == 0

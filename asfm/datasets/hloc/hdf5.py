@@ -35,7 +35,6 @@ def open_hdf5(path: Path, mode: Literal["r", "w"] = "r") -> Iterator[Any]:
     import h5py
 
     damage = DAMAGE if mode == "r" else (OSError, RuntimeError)
-    damage = DAMAGE if mode == "r" else (OSError, RuntimeError)
     if mode == "r":
         with open_file(path, "an HDF5 file") as file:
             kind = name_kind(file.read(SNIFFED_BYTES))

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from asfm.datasets.holoocean.config_json import Scenario
 from asfm.datasets.holoocean.pixel_scale import Levels, measure_levels
@@ -123,6 +122,8 @@ def _read_time(path: Path, value: Any) -> float:
 
 def _read_pose(path: Path, value: Any, scale: float) -> FloatArray:
     """Validate a pose (4, 4), and divide its translation by the scale of the scenario."""
+    from scipy.spatial.transform import Rotation  # slow to load
+
     pose = _as_array(path, "a pose", value)
     if pose.shape != (4, 4) or pose.dtype.kind not in "iuf" or not (np.abs(pose) <= MAX_POSITION_M).all():
         raise AsfmError(f"{path}: expected a finite 4 x 4 pose, found {shorten(str(pose))}")

@@ -2,6 +2,7 @@
 
 import bz2
 import io
+import logging
 import zipfile
 from functools import partial
 from pathlib import Path
@@ -60,6 +61,7 @@ def _load(path: Path) -> "trimesh.Trimesh":
     """Load a mesh file, whose faces are not yet checked."""
     import trimesh
 
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else a traceback is printed before the message
     content, kind = _read_content(path)
     try:
         options = {"skip_materials": True} if kind == "obj" else {}

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from asfm.geometry.poses import chain_steps, make_pose, steps_between, wrap_angle
 from asfm.types import FloatArray, Navigation, SensorNoise, Trajectory
@@ -42,6 +41,8 @@ def simulate_odometry(
     Returns:
         The measured world_from_vehicle at the same time stamps, rotations orthonormal.
     """
+    from scipy.spatial.transform import Rotation  # slow to load
+
     poses = truth.world_from_vehicle
     steps = steps_between(poses)
     error_m = noise.odometry_translation_m * rng.standard_normal((len(steps), 3))

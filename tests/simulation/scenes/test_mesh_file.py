@@ -1,5 +1,7 @@
 """Scenes from mesh files, and files that are refused."""
 
+import io
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -77,3 +79,17 @@ def test_invalid_mesh_file_is_one_line_with_file_and_cause(
     with pytest.raises(AsfmError, match=message) as caught:
         simulate(str(tmp_path / name))
     assert "\n" not in str(caught.value)
+
+
+def test_a_damaged_mesh_is_refused_without_output_of_the_library(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What nobody handles is printed by Python; pytest has handlers of its own."""
+    path, printed = tmp_path / "short.stl", io.StringIO()
+    path.write_bytes(b"solid x" + bytes(73) + b"\xff\xff\xff\x0f" + bytes(100))
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])
+    monkeypatch.setattr(logging, "lastResort", logging.StreamHandler(printed))
+    logging.getLogger("anything").warning("printed")
+    with pytest.raises(AsfmError, match=r"short\.stl: "):
+        simulate(str(path))
+    assert printed.getvalue() == "printed\n"

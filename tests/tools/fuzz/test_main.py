@@ -1,25 +1,28 @@
-"""A small corpus of damaged files: every reader loads each, or refuses it in one line."""
+"""The command line of the fuzzer: a table, and an exit code that tells of failures."""
 
+import sys
 from pathlib import Path
 
 import pytest
 
-from tools.fuzz.__main__ import run_target
-from tools.fuzz.targets import TARGETS, Target
+from tools.fuzz import __main__ as fuzzer
+from tools.fuzz.cases import Target
 
 
-@pytest.mark.parametrize("name", TARGETS)
-def test_damaged_files_load_or_are_refused(tmp_path: Path, name: str) -> None:
-    assert run_target(TARGETS[name], tmp_path / "seed", cases=24, seed=0) == []
+def make(folder: Path) -> None:
+    folder.mkdir()
+    (folder / "x").write_bytes(b"valid")
 
 
-def test_a_reader_that_fails_is_reported(tmp_path: Path) -> None:
-    def make(folder: Path) -> None:
-        folder.mkdir()
-        (folder / "x").write_bytes(b"valid")
-
-    def read(folder: Path) -> object:
-        return {b"valid": 1}[(folder / "x").read_bytes()]
-
-    found = run_target(Target("x", make, read), tmp_path / "seed", cases=5, seed=0)
-    assert len(found) == 5 and all("KeyError" in line for line in found)
+def test_the_table_counts_cases_and_lists_failures(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    targets = {
+        "good": Target("x", make, lambda folder: None),
+        "bad": Target("x", make, lambda folder: {b"valid": 1}[(folder / "x").read_bytes()]),
+    }
+    monkeypatch.setattr(fuzzer, "TARGETS", targets)
+    monkeypatch.setattr(sys, "argv", ["fuzz", "--cases", "4", "--target", "good"])
+    assert fuzzer.main() == 0 and capsys.readouterr().out.split()[-5:] == ["good", "4", "0", "4", "0"]
+    monkeypatch.setattr(sys, "argv", ["fuzz", "--cases", "4"])
+    assert fuzzer.main() == 1 and "  case 0: KeyError" in capsys.readouterr().out
