@@ -66,7 +66,12 @@ def test_mistakes_are_made_where_their_sensor_is_used(monkeypatch: pytest.Monkey
 def test_images_are_read_once() -> None:
     read: list[int] = []
     frame: Any = object()
-    sequence = replace(make_vehicle_sequence(), read_frame=lambda index: read.append(index) or frame)
+
+    def read_frame(index: int) -> Any:
+        read.append(index)
+        return frame
+
+    sequence = replace(make_vehicle_sequence(), read_frame=read_frame)
     held = mistake_runs.hold_images(sequence)
     assert held.read_frame(3) is frame and held.read_frame(3) is frame and sorted(read) == list(range(len(sequence)))
 
