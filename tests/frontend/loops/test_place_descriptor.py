@@ -98,7 +98,7 @@ def test_cells_are_the_mean_roots_of_the_amplitudes_over_the_median_of_their_rin
     root = np.where(invalid, np.nan, np.sqrt(frame.amplitude.astype(float)))
     rows, columns = SHAPE[0] // RINGS, SHAPE[1] // SECTORS
     cells = root.reshape(RINGS, rows, SECTORS, columns).transpose(0, 2, 1, 3).reshape(RINGS, SECTORS, -1)
-    known = np.isfinite(cells).any(axis=2)
+    known = np.asarray(np.isfinite(cells).any(axis=2))
     assert not known[0, 0] and known.sum() == known.size - 1
     mean = np.array([[np.nanmean(cell) if np.isfinite(cell).any() else np.nan for cell in ring] for ring in cells])
     expected = mean - np.nanmedian(mean, axis=1, keepdims=True)
