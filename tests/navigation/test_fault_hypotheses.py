@@ -176,5 +176,5 @@ def test_the_scale_is_that_of_the_longer_motions() -> None:
         motion[0, 3] = planar_m
         poses[2 * number + 1, 0, 3] = planar_m / ratio
         pairs.append(PointPairs(2 * number, 2 * number + 1, nothing, nothing, motion))
-    names = [item.name for item in fault_hypotheses(poses, np.eye(4), pairs, 0.2 * np.arange(22))]
+    names = [item.name for item in fault_hypotheses(poses, np.eye(4), pairs, np.linspace(0.0, 4.2, 22))]
     assert "with its positions multiplied by 2" in names

@@ -103,7 +103,7 @@ def _closest_m(error_m: float, sigma_m: float, correlation: float) -> float:
         inflated_m = max(1.0, abs(error_m - at_m) / sigma_m) * sigma_m * np.sqrt(1 + correlation)
 
         def cost(x_m: float, sigma_m: float = inflated_m) -> float:
-            return x_m**2 / (2 * FREE_M**2) + 2 * np.log1p(((error_m - x_m) / sigma_m / 2) ** 2)
+            return float(x_m**2 / (2 * FREE_M**2) + 2 * np.log1p(((error_m - x_m) / sigma_m / 2) ** 2))
 
         at_m = float(minimize_scalar(cost, bounds=(-1, 1), options={"xatol": 1e-9}).x)
     return at_m

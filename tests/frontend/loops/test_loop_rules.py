@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from asfm.frontend.loops.keypoint_tracks import KeypointTracks
 from asfm.frontend.loops.loop_verification import SUPPORTED_SHARE, arc_inlier_ratio, verify_loop
 from asfm.frontend.matching.pair_matching import match_pairs
 from asfm.geometry.poses import invert
@@ -14,7 +15,6 @@ from tests.frontend.loops.test_loop_verification import (
     CONFIG,
     NO_TRACKS,
     SONAR,
-    KeypointTracks,
     Observation,
     make_random_scene,
     observe,

@@ -201,9 +201,12 @@ def test_a_frame_of_many_keypoints_does_not_make_the_matches_of_a_poorer_one_too
         np.concatenate([b.patches, rng.random((300, WIDTH, WIDTH))]),
     )
     again: list[tuple[int, int]] = []
-    monkeypatch.setattr(
-        "asfm.frontend.matching.pair_matching._match_unguided", lambda frames, *_: again.extend(frames) or []
-    )
+
+    def match_again(frames: list[tuple[int, int]], *_: object) -> list[Matches]:
+        again.extend(frames)
+        return []
+
+    monkeypatch.setattr("asfm.frontend.matching.pair_matching._match_unguided", match_again)
     assert len(match_frames(0, 1, [a, rich], GUIDED, predict(B_FROM_A))) > 0.85 * COUNT
     assert again == []
 
