@@ -27,8 +27,7 @@ def rolled_poses(roll_rad: FloatArray) -> FloatArray:
 
 
 def triangulate(tracks: Tracks, poses: FloatArray, sigma: FloatArray = SIGMA) -> FloatArray:
-    found = triangulate_tracks(tracks, poses, SONAR, np.tile(sigma, (len(tracks), 1)), GATE)
-    return np.asarray(found.xyz_m[0])
+    return np.asarray(triangulate_tracks(tracks, poses, SONAR, np.tile(sigma, (len(tracks), 1)), GATE).xyz_m[0])
 
 
 def point_at(elevation_share: float) -> FloatArray:

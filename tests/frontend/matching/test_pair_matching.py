@@ -5,8 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from asfm.config import Config, MatchingConfig, SslConfig
+from asfm.frontend.matching.frame_pair import predict_arcs
 from asfm.frontend.matching.nearest import match_keypoints
-from asfm.frontend.matching.pair_matching import match_pairs, match_with_previous
+from asfm.frontend.matching.pair_matching import MIN_GAIN, match_pairs, match_with_previous
 from asfm.frontend.matching.ssl import structural_spatial_loss
 from asfm.geometry.poses import make_pose, transform
 from asfm.geometry.sonar import SonarModel
@@ -174,3 +175,46 @@ def test_many_pairs_give_the_same_matches_as_one_at_a_time() -> None:
 def test_the_first_frame_has_no_previous_ones() -> None:
     for guess in (None, predict(B_FROM_A)):
         assert match_with_previous(0, two_views(1, 1), Config(), SONAR, guess) == []
+
+
+ELSEWHERE = make_pose(np.array([1.5, 1.0, 0.0]), Rotation.from_euler("z", -0.5))
+
+
+@pytest.mark.parametrize(("count", "kept"), [(MIN_GAIN, 0), (MIN_GAIN + 1, MIN_GAIN + 1)])
+def test_a_few_matches_do_not_contradict_a_prediction(monkeypatch: pytest.MonkeyPatch, count: int, kept: int) -> None:
+    few = Matches(0, 1, np.stack([np.arange(count)] * 2, axis=1), np.zeros(count))
+    monkeypatch.setattr("asfm.frontend.matching.pair_matching._match_unguided", lambda *_: [few])
+    assert len(match_frames(0, 1, two_views(2, group_size=1), GUIDED, predict(ELSEWHERE))) == kept
+
+
+def test_a_frame_of_many_keypoints_does_not_make_the_matches_of_a_poorer_one_too_few(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Nearly all keypoints of the poorer frame are matched: nothing is matched again without the prediction."""
+    rng = np.random.default_rng(0)
+    a, b = two_views(1, group_size=1)
+    clutter = observe_points(random_points(rng, 300, (2, 8), 0.5, 0.09))
+    rich = make_keypoints(
+        np.concatenate([b.range_m, clutter.range_m]),
+        np.concatenate([b.bearing_rad, clutter.bearing_rad]),
+        np.concatenate([b.descriptors, rng.integers(0, 256, (300, 61), dtype=np.uint8)]),
+        np.concatenate([b.patches, rng.random((300, WIDTH, WIDTH))]),
+    )
+    again: list[tuple[int, int]] = []
+
+    def match_again(frames: list[tuple[int, int]], *_: object) -> list[Matches]:
+        again.extend(frames)
+        return []
+
+    monkeypatch.setattr("asfm.frontend.matching.pair_matching._match_unguided", match_again)
+    assert len(match_frames(0, 1, [a, rich], GUIDED, predict(B_FROM_A))) > 0.85 * COUNT
+    assert again == []
+
+
+def test_keypoints_within_the_gate_of_the_prediction_are_candidates() -> None:
+    """Ranges are off by two of three standard deviations."""
+    a, b = two_views(1, group_size=3)
+    _, sigma = predict_arcs((0, 1), a, SONAR, predict(B_FROM_A), GUIDED.noise)
+    assert GUIDED.matching.arc_gate > 2.5
+    off = make_keypoints(b.range_m + 2.0 * sigma[:, 0], b.bearing_rad, b.descriptors, b.patches)
+    assert count_correct(match_frames(0, 1, [a, off], GUIDED, predict(B_FROM_A))) > 0.7 * COUNT

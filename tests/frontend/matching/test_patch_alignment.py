@@ -191,3 +191,33 @@ def test_matches_whose_patches_lie_far_apart_are_rejected(shift_px: float, least
     keypoints = [keypoints_at(image, positions), keypoints_at(moved, positions)]
     (match,) = align_matches([make_match(60)], keypoints, SONAR, unwarped_config(max_sigma_px=1e3))
     assert least <= len(match) / 60 <= most
+
+
+def test_shift_and_covariance_are_those_of_linear_least_squares() -> None:
+    """One pair of patches at a time, with the mean of both gradients and the variance of what is left."""
+    image, positions = make_texture(15), make_positions(12)
+    a, b = cut(image, positions), cut(move(image, np.array([0.4, -0.2])) + 0.05 * make_texture(16), positions)
+    found, covariance = align_patches(a, b, 40.0)
+    for index in range(12):
+        one, two = ((patch - patch.mean()) / patch.std() for patch in (a[index].astype(float), b[index].astype(float)))
+        rows, columns = np.gradient((one + two) / 2)
+        gradient = np.stack([part[1:-1, 1:-1].ravel() for part in (rows, columns)], axis=1)
+        difference = (one - two)[1:-1, 1:-1].ravel()
+        shift, residual, _, _ = np.linalg.lstsq(gradient, difference, rcond=None)
+        variance = 40.0 * residual[0] / len(difference)
+        np.testing.assert_allclose(found[index], shift, atol=1e-3)
+        np.testing.assert_allclose(covariance[index], variance * np.linalg.inv(gradient.T @ gradient), rtol=1e-2)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_the_distance_of_keypoints_includes_their_place_in_the_pixel(axis: int, sign: int) -> None:
+    """Patches are cut about whole pixels: an offset of 2.4 px between them is one of 1.5 px between the keypoints."""
+    image, step = make_texture(14, blur_px=8.0), sign * np.eye(2)[axis]
+    positions = np.floor(make_positions()) + 0.5
+    keypoints = [
+        keypoints_at(image, positions - 0.45 * step),
+        keypoints_at(move(image, 2.4 * step), positions + 0.45 * step),
+    ]
+    (match,) = align_matches([make_match(60)], keypoints, SONAR, unwarped_config(max_sigma_px=1e3))
+    assert len(match) > 0.9 * 60

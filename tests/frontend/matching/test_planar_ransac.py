@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asfm.frontend.matching.planar_ransac import cheapest_pairs, find_planar_outliers
+from asfm.config import Config
+from asfm.frontend.matching.planar_ransac import cheapest_pairs, find_planar_outliers, planar_tolerance_m
+from asfm.geometry.feature_noise import relative_position_noise_m
 from asfm.geometry.planar_motion import estimate_planar_motion_msac
 from asfm.geometry.poses import make_pose
+from asfm.geometry.sonar import SonarModel
 from asfm.types import FloatArray
 
 
@@ -56,3 +59,14 @@ def test_coincident_points_give_a_finite_motion() -> None:
     xy = np.ones((6, 2))
     motion, inlier = estimate_planar_motion_msac(xy, xy, np.full(6, 0.1), cheapest_pairs(np.zeros(6)))
     assert np.isfinite(motion).all() and inlier.all()
+
+
+@pytest.mark.parametrize(("beams", "bins"), [(16, 400), (512, 20), (512, 2000)])
+def test_tolerances_are_a_share_of_the_range_but_at_least_the_noise(beams: int, bins: int) -> None:
+    config = Config()
+    sonar = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.6, 0.6), (bins, beams), 0.3)
+    range_m = np.linspace(0.5, 10.0, 30)
+    share_m = config.matching.planar_tolerance * range_m
+    noise_m = relative_position_noise_m(range_m, sonar, config.noise)
+    np.testing.assert_array_equal(planar_tolerance_m(range_m, sonar, config), np.maximum(share_m, noise_m))
+    assert (noise_m > share_m).any()

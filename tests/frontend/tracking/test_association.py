@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asfm.config import Config, TracksConfig
+from asfm.config import Config, MatchingConfig, TracksConfig
 from asfm.frontend.tracking.association import associate
 from asfm.frontend.tracking.track_builder import build_tracks
 from asfm.geometry.feature_noise import feature_sigma
@@ -182,3 +182,15 @@ def test_of_two_matches_of_one_keypoint_the_one_nearer_to_its_arc_is_used() -> N
     candidates = [Matches(0, 1, np.array([[0, 0], [1, 0]]), np.array([0.55, 0.5]))]
     tracks = associate(keypoints, candidates, SONAR, poses, NARROW_GATE)
     np.testing.assert_array_equal(tracks.range_m, [5.0, 5.0])
+
+
+def test_a_wrong_loop_does_not_set_the_gate_of_its_own_gap() -> None:
+    """Three loops of other gaps fit the poses: all loops share their gate."""
+    world, rng = make_world(), np.random.default_rng(3)
+    config = Config(matching=MatchingConfig(max_gap=2))
+    near = [world.matches(a, a + 1, 0, rng) for a in range(FRAMES - 1)]
+    loops = [world.matches(a, b, 0, rng) for a, b in ((0, 4), (0, 6), (0, 7))]
+    wrong = world.matches(0, 5, 40, rng)
+    wrong = Matches(0, 5, wrong.index[-40:], wrong.cost[-40:])
+    tracks = associate(world.keypoints, [*near, *loops, wrong], SONAR, world.world_from_sonar, config)
+    assert np.mean([len(points) == 1 for points in world.points_of(tracks)]) > 0.95
