@@ -50,7 +50,7 @@ CODES = {
     "image-jumps": "the images change abruptly at some steps where odometry does not; lost or exchanged frames?",
     "sensor-conflict": "odometry and navigation contradict each other in depth, roll or pitch",
     "time-offset": "odometry and navigation agree only with shifted time stamps",
-    "duplicate-frames": "frames repeat the image before them while the vehicle moves; their matches are left out",
+    "duplicate-frames": "frames repeat the image before them; while odometry moves, their matches are left out",
     # the estimate
     "single-frame": "the sequence has one frame: there is nothing to reconstruct",
     "unsupported-steps": "too few landmarks connect consecutive frames; the poses there are held by other sensors",

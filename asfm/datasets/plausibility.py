@@ -13,6 +13,8 @@ from asfm.geometry.sonar import SonarModel
 from asfm.sequence import Sequence
 from asfm.types import FloatArray, Trajectory
 
+SPLASH_SHARE = 0.1
+"""Depths count as above the surface where they reach at most this share of the greatest height below it."""
 FULL_TURN_RAD = 2 * np.pi * (1 + 1e-6)
 MIN_FIELD_OF_VIEW_DEG = 7.0
 """Narrower than any imaging sonar (a telephoto ARIS has 15 degrees), and wider than a full turn's number of radians."""
@@ -168,9 +170,10 @@ def _check_height(sequence: Sequence) -> Iterator[Diagnostic]:
     if sequence.navigation is None or sequence.odometry is not None:
         return
     low_m, high_m = float(sequence.navigation.z_m.min()), float(sequence.navigation.z_m.max())
-    if low_m > 0:
+    if high_m > 0 and low_m > -SPLASH_SHARE * high_m:
+        place = "above" if low_m > 0 else "mostly above"
         message = (
-            f"z_m runs from {low_m:.2f} to {high_m:.2f} m, above the origin of a world whose z points up: "
+            f"z_m runs from {low_m:.2f} to {high_m:.2f} m, {place} the origin of a world whose z points up: "
             "a depth, which grows downwards, must be negated"
         )
         yield Diagnostic("positive-height", message, severity="info")

@@ -37,14 +37,16 @@ def drop_duplicate_frames(
     Args:
         keypoints: those of the N frames.
         candidates: matches of pairs of frames.
-        odometry: steps between the frames; None keeps all matches.
+        odometry: steps between the frames; None keeps all matches, as for a sonar at rest.
 
     Returns:
-        The remaining matches, and a diagnostic where some were dropped.
+        The remaining matches, and a diagnostic where some were dropped, or where nothing tells whether they should be.
     """
     duplicates = find_duplicate_frames(keypoints)
-    if odometry is None or not duplicates.any():
+    if not duplicates.any():
         return candidates, ()
+    if odometry is None:
+        return candidates, (_diagnose_without_odometry(duplicates),)
     steps = steps_between(odometry.world_from_vehicle)
     turn_rad = np.linalg.norm(Rotation.from_matrix(steps[:, :3, :3]).as_rotvec(), axis=1)
     shift_m = np.linalg.norm(steps[:, :3, 3], axis=1)
@@ -60,6 +62,17 @@ def drop_duplicate_frames(
         "their matches are left out"
     )
     return kept, (Diagnostic("duplicate-frames", message, runs),)
+
+
+def _diagnose_without_odometry(duplicates: BoolArray) -> Diagnostic:
+    """Report the (N,) duplicates of a recording that does not say whether the sonar moved."""
+    runs = frame_runs(duplicates)
+    message = (
+        f"{int(duplicates.sum())} of {len(duplicates)} frames ({format_runs(runs)}) repeat the image before them bit "
+        "by bit, which the noise of a sonar does not: they are taken for a sonar at rest, as no odometry "
+        "says otherwise; check whether the recorder repeated them"
+    )
+    return Diagnostic("duplicate-frames", message, runs)
 
 
 def _has_moved(turn_rad: FloatArray, shift_m: FloatArray, step_sigma: FloatArray, repeated: BoolArray) -> bool:

@@ -44,11 +44,20 @@ def diagnose_odometry(test: OdometryTest, sigma: FloatArray) -> Diagnostic:
 
 def diagnose_images(test: OdometryTest) -> Diagnostic:
     """Report that an axis of the images is reversed, which a test found the likely fault, and that it is turned."""
+    return _diagnose_likely(test, "the images are turned; check the recording")
+
+
+def diagnose_mounting(test: OdometryTest) -> Diagnostic:
+    """Report that the mounting is turned, which a test found the likely fault, and that it is corrected."""
+    return _diagnose_likely(test, "the mounting (vehicle_from_sonar) is turned so; correct it in the recording")
+
+
+def _diagnose_likely(test: OdometryTest, remedy: str) -> Diagnostic:
     fault = str(test.likely_fault)
     message = (
         f"images and odometry contradict each other: over {test.pairs} frame pairs points lie "
         f"{test.distance_m[AS_RECORDED]:.2g} m from where its steps put them, and {test.distance_m[fault]:.2g} m "
-        f"{fault}{_describe_rivals(test)}: the images are turned; check the recording"
+        f"{fault}{_describe_rivals(test)}: {remedy}"
     )
     return replace(_BY_CODE[test.hypotheses[fault].code], message=message)
 

@@ -53,6 +53,8 @@ class Hypothesis:
     """Factors of height, roll and pitch."""
     images: ImageAxis | None = None
     """Axis of the images that is reversed."""
+    vehicle_from_sonar: FloatArray | None = None
+    """(4, 4) mounting that explains the images as well, with the odometry as recorded."""
     adoptable: bool = True
     """Whether the fault can be undone; otherwise it is only reported."""
     code: str = "odometry-image-conflict"
@@ -86,8 +88,11 @@ def fault_hypotheses(
         Hypothesis(RANGE_REVERSED, world_from_vehicle, images="range", code="range-axis-reversed"),
     ]
     for name, poses in of_odometry.items():
-        turned = name.startswith(TURNED)
-        found.append(Hypothesis(name, poses, code="mounting-rotated" if turned else "odometry-image-conflict"))
+        if name.startswith(TURNED):
+            mounting = _turned_mounting(invert(world_from_vehicle[0]) @ poses[0], vehicle_from_sonar)
+            found.append(Hypothesis(name, poses, vehicle_from_sonar=mounting, code="mounting-rotated"))
+        else:
+            found.append(Hypothesis(name, poses))
     ratio = _translation_ratio(world_from_vehicle @ vehicle_from_sonar, pairs)
     for factor in ratio * SCALE_SEARCH if ratio else ():
         found.append(_scaled(world_from_vehicle, float(factor)))
@@ -166,6 +171,13 @@ def _translation_ratio(world_from_sonar: FloatArray, pairs: Rows[PointPairs]) ->
     planar_m, recorded_m = planar_m[moved], recorded_m[moved]
     long = np.flatnonzero(planar_m >= float(np.median(planar_m)) / 2)
     return float(np.median(planar_m[long] / recorded_m[long]))
+
+
+def _turned_mounting(turn: FloatArray, vehicle_from_sonar: FloatArray) -> FloatArray:
+    """Return the (4, 4) mounting turned by a rotation of the vehicle's axes; the sonar's place does not change."""
+    mounting = turn @ vehicle_from_sonar
+    mounting[:3, 3] = vehicle_from_sonar[:3, 3]
+    return np.asarray(mounting)
 
 
 def _scaled(world_from_vehicle: FloatArray, factor: float) -> Hypothesis:

@@ -76,6 +76,12 @@ class OdometryTest:
         return None if likely is None else likely.images
 
     @property
+    def mounting(self) -> FloatArray | None:
+        """The (4, 4) mounting that explains the images with the odometry as recorded, if a turned one is likely."""
+        likely = self.hypotheses.get(str(self.likely_fault)) if self.contradicted else None
+        return None if likely is None else likely.vehicle_from_sonar
+
+    @property
     def best_hypothesis(self) -> str | None:
         """The fault whose correction fits the images best, if it fits clearly better; the likeliest of equal ones."""
         faults = {name: distance_m for name, distance_m in self.distance_m.items() if name != AS_RECORDED}

@@ -8,12 +8,13 @@ from asfm.backend.initialisation.initial_poses import InitialPoses, initialise_f
 from asfm.config import Config
 from asfm.diagnostics import Diagnostic
 from asfm.geometry.feature_noise import feature_sigma
-from asfm.navigation.fault_diagnostics import diagnose_images
+from asfm.geometry.poses import depth_roll_pitch, wrap_angle
+from asfm.navigation.fault_diagnostics import diagnose_images, diagnose_mounting
 from asfm.navigation.fault_hypotheses import ImageAxis
 from asfm.navigation.frame_navigation import FrameNavigation
 from asfm.navigation.image_jumps import diagnose_image_jumps, find_image_jumps
 from asfm.navigation.odometry_check import OdometryTest, compare_odometry_hypotheses
-from asfm.navigation.odometry_hypotheses import PointPairs, collect_point_pairs, planar_inliers
+from asfm.navigation.odometry_hypotheses import AS_RECORDED, PointPairs, collect_point_pairs, planar_inliers
 from asfm.pipeline.feature_matching import extract_matches
 from asfm.recorder import NullRecorder, Recorder
 from asfm.sequence import Sequence
@@ -34,9 +35,10 @@ class MatchedSequence:
 def rematch_suspected(
     matched: MatchedSequence, navigation: FrameNavigation, config: Config, recorder: Recorder, clock: StageClock
 ) -> MatchedSequence:
-    """Match again without odometry where the odometry lies beyond the noise; turn images whose axis is reversed.
+    """Match again without odometry where the odometry lies beyond the noise; turn what is turned.
 
-    A wrong odometry gates right matches away, so it is judged on matches that it did not gate.
+    A wrong odometry gates right matches away, so it is judged on matches that it did not gate. Images whose axis is
+    reversed and a turned mounting are corrected; the mounting only where attitude does not say that odometry is turned.
 
     Args:
         matched: the sequence, with matches gated by its odometry.
@@ -57,7 +59,12 @@ def rematch_suspected(
     sequence = matched.sequence
     matched = MatchedSequence(sequence, *extract_matches(sequence, config, NullRecorder(), clock))
     test = _test_odometry(matched, navigation, config)
-    if test is None or test.image_axis is None:
+    if test is None:
+        return matched
+    if test.mounting is not None and _attitude_fits(test, navigation):
+        mounted = replace(sequence, vehicle_from_sonar=test.mounting)
+        return replace(matched, sequence=mounted, diagnostics=(diagnose_mounting(test),))
+    if test.image_axis is None:
         return matched
     turned = reverse_images(sequence, test.image_axis)
     found = (diagnose_images(test),)
@@ -100,6 +107,20 @@ def report_image_jumps(
     )
     found = diagnose_image_jumps(jumps & ~start.unreliable)
     return replace(start, sensors=replace(start.sensors, diagnostics=(*start.sensors.diagnostics, *found)))
+
+
+def _attitude_fits(test: OdometryTest, navigation: FrameNavigation) -> bool:
+    """Tell whether roll and pitch agree with the odometry as recorded at least as well as with the turned one."""
+    measured = navigation.depth_attitude.z_roll_pitch
+    if not len(measured):
+        return True
+    recorded_rad, turned_rad = (
+        float(
+            np.median(np.abs(wrap_angle(depth_roll_pitch(test.hypotheses[name].world_from_vehicle) - measured)[:, 1:]))
+        )
+        for name in (AS_RECORDED, str(test.likely_fault))
+    )
+    return recorded_rad <= turned_rad
 
 
 def _test_odometry(matched: MatchedSequence, navigation: FrameNavigation, config: Config) -> OdometryTest | None:

@@ -76,7 +76,7 @@ CONVENTIONS = (
 
 
 def diagnose_conventions(solution: Solution, timestamps_s: FloatArray) -> tuple[Diagnostic, ...]:
-    """Report conventions of depth and attitude that fit the images better than the recorded ones, the commonest first.
+    """Report the conventions of depth and attitude that fit the images better than the recorded one.
 
     Args:
         solution: poses and points at the optimum.

@@ -169,6 +169,7 @@ def test_positive_heights_are_explained_where_no_odometry_contradicts_them() -> 
     (found,) = check_plausibility(WHERE, dataclasses.replace(sequence, odometry=None)).diagnostics
     assert (found.code, found.severity) == ("positive-height", "info") and "2.89 to 3.00 m" in found.message
     assert codes(dataclasses.replace(make_sequence(z_m=0.05), odometry=None)) == []
+    assert codes(dataclasses.replace(make_sequence(z_m=0.105), odometry=None)) == ["positive-height"]
 
 
 def test_saturated_pixels_beyond_some_per_cent_are_told() -> None:

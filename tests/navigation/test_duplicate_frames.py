@@ -57,13 +57,20 @@ def test_matches_of_duplicates_are_dropped_where_odometry_moves() -> None:
     assert "3 of 8 frames (2-3, 6)" in found.message
 
 
-@pytest.mark.parametrize("moving", ["never", "between other frames", "not measured"])
+@pytest.mark.parametrize("moving", ["never", "between other frames"])
 def test_all_matches_stay_where_odometry_does_not_move(moving: str) -> None:
     poses = np.tile(np.eye(4), (8, 1, 1))
     if moving == "between other frames":
         poses[1:, 0, 3], poses[4:, 0, 3], poses[5:, 0, 3], poses[7:, 0, 3] = 0.3, 0.6, 0.9, 1.2
-    odometry = None if moving == "not measured" else read_odometry(poses)
-    assert drop_duplicate_frames(KEYPOINTS, CANDIDATES, odometry) == (CANDIDATES, ())
+    assert drop_duplicate_frames(KEYPOINTS, CANDIDATES, read_odometry(poses)) == (CANDIDATES, ())
+
+
+def test_without_odometry_duplicates_are_told_and_all_matches_stay() -> None:
+    kept, (found,) = drop_duplicate_frames(KEYPOINTS, CANDIDATES, None)
+    assert kept == CANDIDATES and found.code == "duplicate-frames" and found.frames == ((2, 3), (6, 6))
+    assert "at rest" in found.message and "3 of 8 frames (2-3, 6)" in found.message
+    different = [KEYPOINTS[0], KEYPOINTS[1], KEYPOINTS[4]]
+    assert drop_duplicate_frames(different, CANDIDATES, None) == (CANDIDATES, ())
 
 
 def test_matches_of_duplicates_are_dropped_where_odometry_turns_on_the_spot() -> None:

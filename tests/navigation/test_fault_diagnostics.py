@@ -1,9 +1,16 @@
 """Diagnostics of faults: the numbers of the test, the hypotheses that fit as well, what is done, and the code."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from asfm.navigation.fault_diagnostics import diagnose_images, diagnose_odometry, diagnose_time_offset
+from asfm.navigation.fault_diagnostics import (
+    diagnose_images,
+    diagnose_mounting,
+    diagnose_odometry,
+    diagnose_time_offset,
+)
 from asfm.navigation.fault_hypotheses import IMAGES_MIRRORED, ORDER_REVERSED, RANGE_REVERSED, Hypothesis
 from asfm.navigation.odometry_check import OdometryTest
 from asfm.navigation.odometry_hypotheses import AS_RECORDED
@@ -13,6 +20,7 @@ NO_POSES = np.zeros((0, 4, 4))
 INVERTED = Hypothesis("inverted", NO_POSES)
 REVERSED = Hypothesis(ORDER_REVERSED, NO_POSES, adoptable=False, code="images-out-of-order")
 FAR_FIRST = Hypothesis(RANGE_REVERSED, NO_POSES, images="range", code="range-axis-reversed")
+TURNED_LEFT = Hypothesis("with its mounting turned by 90 deg", NO_POSES, code="mounting-rotated")
 MIRRORED = Hypothesis(IMAGES_MIRRORED, NO_POSES, images="bearing", code="bearing-axis-reversed")
 
 
@@ -41,6 +49,19 @@ def test_reversed_images_are_reported_with_what_fits_as_well() -> None:
     found = diagnose_images(make_test({MIRRORED: 0.041, INVERTED: 0.044, REVERSED: 0.2}))
     assert found.code == "bearing-axis-reversed" and "the images are turned" in found.message
     assert "(as well: inverted)" in found.message and ORDER_REVERSED not in found.message
+
+
+def test_a_turned_mounting_is_reported_as_corrected() -> None:
+    found = diagnose_mounting(make_test({TURNED_LEFT: 0.041}))
+    assert found.code == "mounting-rotated" and TURNED_LEFT.name in found.message
+    assert "vehicle_from_sonar" in found.message and "0.21 m" in found.message
+
+
+def test_the_mounting_of_the_likely_fault_is_known_where_odometry_is_contradicted() -> None:
+    mounting = np.diag([-1.0, -1.0, 1.0, 1.0])
+    turned = replace(TURNED_LEFT, vehicle_from_sonar=mounting)
+    assert make_test({turned: 0.041}).mounting is mounting and make_test({INVERTED: 0.041}).mounting is None
+    assert make_test({turned: 0.2}).mounting is None
 
 
 @pytest.mark.parametrize(("shift_s", "word"), [(0.4, "0.4 s earlier"), (-1.2, "1.2 s later")])

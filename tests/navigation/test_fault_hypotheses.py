@@ -64,6 +64,12 @@ def test_marine_axes_are_undone_in_odometry_depth_and_attitude(inliers: list[Poi
 def test_quarter_turns_may_be_those_of_the_mounting(inliers: list[PointPairs]) -> None:
     turned = [item for item in hypothesise(make_vehicle_path(), inliers).values() if item.code == "mounting-rotated"]
     assert len(turned) == 3 and all("mounting" in item.name and item.correctable for item in turned)
+    for item in turned:
+        assert item.vehicle_from_sonar is not None
+        other_mounting, other_axes = make_vehicle_path() @ item.vehicle_from_sonar, item.world_from_vehicle
+        axes = (other_axes @ VEHICLE_LEVER_ARM)[:, :3, :3]
+        np.testing.assert_allclose(other_mounting[:, :3, :3], axes, atol=1e-12)
+        np.testing.assert_array_equal(item.vehicle_from_sonar[:3, 3], VEHICLE_LEVER_ARM[:3, 3])
 
 
 @pytest.mark.parametrize(("axis", "column"), [("range", 0), ("bearing", 1)])

@@ -7,16 +7,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from asfm.backend.initialisation.initial_poses import initialise_from_odometry
 from asfm.config import BackendConfig, Config
+from asfm.geometry.poses import make_pose
 from asfm.navigation.frame_navigation import FrameNavigation, read_navigation
+from asfm.navigation.odometry_hypotheses import AS_RECORDED
 from asfm.pipeline.image_faults import MatchedSequence, rematch_suspected, report_image_jumps, reverse_images
 from asfm.sequence import Sequence
 from asfm.stages import StageClock
 from asfm.types import Frame
 from tests.pipeline.stubs import Calls, stub_stages
-from tests.worlds import make_keypoints, make_vehicle_sequence
+from tests.worlds import make_keypoints, make_vehicle_path, make_vehicle_sequence
 
 Stub = Callable[[str, Any], Calls]
 RECORDER: Any = "recorder"
@@ -38,7 +41,7 @@ def sequence() -> Sequence:
 
 
 def suspicion(axis: str | None = None, suspicious: bool = True) -> Any:
-    return SimpleNamespace(suspicious=suspicious, image_axis=axis)
+    return SimpleNamespace(suspicious=suspicious, image_axis=axis, mounting=None)
 
 
 def rematch(sequence: Sequence, stub: Stub, tests: list[Any]) -> tuple[MatchedSequence, Any, Calls]:
@@ -75,6 +78,28 @@ def test_images_are_turned_and_shown_again(sequence: Sequence, stub: Stub, axis:
     assert extracted[1][0] is found.sequence and extracted[1][2] is RECORDER
     along = 0 if axis == "range" else 1
     np.testing.assert_array_equal(found.sequence.read_frame(3).image, np.flip(read_ramp(3).image, along))
+
+
+@pytest.mark.parametrize("odometry_turned", [False, True])
+def test_a_turned_mounting_is_corrected_unless_attitude_says_that_odometry_is_turned(
+    sequence: Sequence, stub: Stub, odometry_turned: bool
+) -> None:
+    stub("diagnose_mounting", "mounting turned")
+    poses = make_vehicle_path()
+    turned = poses @ make_pose(np.zeros(3), Rotation.from_euler("z", np.pi / 2))
+    as_recorded, likely = (turned, poses) if odometry_turned else (poses, turned)
+    hypotheses = {
+        AS_RECORDED: SimpleNamespace(world_from_vehicle=as_recorded),
+        "fault": SimpleNamespace(world_from_vehicle=likely),
+    }
+    mounting, found_test = np.diag([-1.0, -1.0, 1.0, 1.0]), suspicion()
+    found_test.mounting, found_test.hypotheses, found_test.likely_fault = mounting, hypotheses, "fault"
+    _, found, _ = rematch(sequence, stub, [suspicion(), found_test])
+    if odometry_turned:
+        assert found.sequence is sequence and found.diagnostics == ()
+    else:
+        assert found.sequence.vehicle_from_sonar is mounting and found.diagnostics == ("mounting turned",)
+    assert found.matches == ["ungated"]
 
 
 @pytest.mark.parametrize(("axis", "along"), [("range", 0), ("bearing", 1)])
