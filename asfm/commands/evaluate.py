@@ -20,6 +20,7 @@ from asfm.evaluation.reference_jumps import clean_reference
 from asfm.geometry.local_origin import local_origin, shift_poses
 from asfm.geometry.poses import interpolate, invert, pose_log
 from asfm.navigation.local_world import shift_poses_of
+from asfm.regular_file import is_present
 from asfm.results.evaluation_json import write_evaluation
 from asfm.results.points_ply import read_points
 from asfm.results.pose_covariances_csv import read_pose_covariances
@@ -77,7 +78,7 @@ def _add_truth(folder: Path, source: Path, sequence: Sequence, table: Evaluation
     """Add the evaluation of covariances and matches and the accuracy bound, or a note on what is missing."""
     if sequence.groundtruth is None:
         return table
-    missing = [name for name in NEEDED if not (folder / name).exists()]
+    missing = [name for name in NEEDED if not is_present(folder / name)]
     if missing:
         note = f"The results hold no {missing[0]}, which older versions did not write; run asfm run again for all rows."
         return EvaluationTable(table.rows, (*table.notes, note))

@@ -134,3 +134,13 @@ def test_a_trajectory_of_other_frames_is_refused(demo_folder: Path, tmp_path: Pa
     assert run_command_line(["evaluate", str(results)]) == 2
     message = capsys.readouterr().err
     assert "of frame 5 of the sequence, found" in message and message.count("\n") == 1
+
+
+def test_a_link_that_leads_nowhere_is_no_missing_file(demo_folder: Path, tmp_path: Path, capsys: Any) -> None:
+    results = tmp_path / "results"
+    shutil.copytree(demo_folder / "results", results)
+    (results / "matches.h5").unlink()
+    (results / "matches.h5").symlink_to("gone")
+    assert run_command_line(["evaluate", str(results)]) == 2
+    message = capsys.readouterr().err
+    assert "matches.h5: expected " in message and "a link to 'gone', which is missing" in message

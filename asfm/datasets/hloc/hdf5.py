@@ -118,7 +118,7 @@ def read_array(where: str, group: Any, name: str, shape: tuple[int | None, ...])
         raise AsfmError(f"{where}: expected {name} of the shape {expected}, found {quote(list(data.shape))}")
     _check_storage(where, name, data)
     values = np.asarray(data[()])
-    if values.dtype.kind == "f" and not (np.abs(values) <= min(MAX_VALUE, np.finfo(values.dtype).max)).all():
+    if values.dtype.kind == "f" and not (np.abs(values) <= min(MAX_VALUE, float(np.finfo(values.dtype).max))).all():
         row = int(np.argwhere(~(np.abs(values) <= MAX_VALUE))[0][0]) if values.ndim else 0
         found = f"NaN, infinity or more than {MAX_VALUE:g}, the first in row {row}"
         raise AsfmError(f"{where}: expected finite numbers in {name}, found {found}")

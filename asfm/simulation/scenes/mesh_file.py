@@ -45,6 +45,15 @@ def read_mesh(path: Path, rng: np.random.Generator) -> Scene:
     """
     mesh = _load(path)
     _check_extent(path, mesh)
+    with np.errstate(all="ignore"):  # trimesh divides by areas and volumes that may be zero, and needs no quotient
+        _clean(path, mesh)
+    vertices_m, faces = _subdivide(np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces), float(mesh.area))
+    scene = texture(path.stem, (vertices_m, faces), 0.5, rng)
+    return Scene(scene.name, vertices_m, faces, scene.reflectivity, scene.grain, bool(mesh.is_watertight))
+
+
+def _clean(path: Path, mesh: "trimesh.Trimesh") -> None:
+    """Merge equal vertices, remove faces without an area, and turn the others alike, outwards where that is known."""
     mesh.remove_unreferenced_vertices()
     mesh.merge_vertices()
     mesh.update_faces(mesh.nondegenerate_faces())
@@ -52,9 +61,6 @@ def read_mesh(path: Path, rng: np.random.Generator) -> Scene:
         raise AsfmError(f"{path}: expected a mesh with faces, found only faces without an area")
     mesh.remove_unreferenced_vertices()
     mesh.fix_normals()
-    vertices_m, faces = _subdivide(np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces), float(mesh.area))
-    scene = texture(path.stem, (vertices_m, faces), 0.5, rng)
-    return Scene(scene.name, vertices_m, faces, scene.reflectivity, scene.grain, bool(mesh.is_watertight))
 
 
 def _load(path: Path) -> "trimesh.Trimesh":

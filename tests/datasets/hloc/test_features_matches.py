@@ -194,22 +194,29 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return where
 
 
+def make_config(*filters: Any) -> Config:
+    matching = MatchingConfig(filters=("mutual", "ratio", *filters), guided=False)
+    return Config(matching=matching, backend=BackendConfig(rounds=1))
+
+
+@pytest.fixture(scope="module")
+def external(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> ExternalMatches:
+    """Return matches that were written and read."""
+    sequence, where = open_sequence(folder), tmp_path_factory.mktemp("hloc")
+    keypoints, found = extract_matches(sequence, make_config(), NullRecorder(), StageClock())
+    names, paths = name_images(folder, sequence), (where / "f.h5", where / "m.h5")
+    write_hloc(*paths, names, keypoints, found)
+    return read_hloc(*paths, sequence, names)
+
+
 @pytest.mark.parametrize("filters", [(), ("ssl",), ("arc", "ssl")])
 def test_exchanged_matches_give_the_same_tracks_and_poses(
-    folder: Path, tmp_path: Path, filters: tuple[Any, ...]
+    folder: Path, external: ExternalMatches, filters: tuple[Any, ...]
 ) -> None:
     """Matches that are written, read and filtered give the tracks and poses of a run without files."""
     sequence = open_sequence(folder)
-
-    def make_config(*enabled: Any) -> Config:
-        return Config(matching=MatchingConfig(filters=enabled, guided=False), backend=BackendConfig(rounds=1))
-
-    keypoints, found = extract_matches(sequence, make_config("mutual", "ratio"), NullRecorder(), StageClock())
-    names, paths = name_images(folder, sequence), (tmp_path / "f.h5", tmp_path / "m.h5")
-    write_hloc(*paths, names, keypoints, found)
-    external = read_hloc(*paths, sequence, names)
-    ours = reconstruct(sequence, make_config("mutual", "ratio", *filters)).reconstruction
-    theirs = reconstruct(sequence, make_config("mutual", "ratio", *filters), external=external).reconstruction
+    ours = reconstruct(sequence, make_config(*filters)).reconstruction
+    theirs = reconstruct(sequence, make_config(*filters), external=external).reconstruction
     assert ours.tracks.count > 30
     np.testing.assert_array_equal(theirs.tracks.track, ours.tracks.track)
     np.testing.assert_allclose(theirs.tracks.range_m, ours.tracks.range_m, atol=1e-9)

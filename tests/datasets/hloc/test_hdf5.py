@@ -12,6 +12,7 @@ from asfm.datasets.hloc.hdf5 import MAX_ARRAY_SIZE, find_groups, open_hdf5, read
 from asfm.errors import AsfmError
 
 
+@pytest.mark.filterwarnings("error")
 def test_what_was_written_is_read_with_its_type(tmp_path: Path) -> None:
     path = tmp_path / "a.h5"
     arrays: dict[str, NDArray[Any]] = {

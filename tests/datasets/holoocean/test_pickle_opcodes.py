@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from asfm.datasets.holoocean.pickle_opcodes import MAX_DEPTH, PickleBoundsError, check_opcodes
+from asfm.datasets.holoocean.pickle_opcodes import MAX_DEPTH, MAX_OPCODES, PickleBoundsError, check_opcodes
 
 
 @pytest.mark.parametrize("protocol", range(pickle.HIGHEST_PROTOCOL + 1))
@@ -55,7 +55,7 @@ def frame(size: int) -> bytes:
         (pickle.dumps([b"x" * 100_000] * 1, 4)[:-2] + b"h\x01a" * 10_000 + b".", "again and again|themselves"),
         (pickle.dumps(contain_itself(), 4), "contain themselves|filled before"),
         (pickle.dumps({1, 2}, 4), "opcode EMPTY_SET"),
-        (pickle.dumps(list(range(10**6)), 4), "values at most"),
+        (b"\x80\x04](" + b"N" * MAX_OPCODES + b"e.", "values at most"),
         (b"\x80\x04h\x05.", "a value in the memo at 5, found none"),
         (b"a.", "values on the stack"),
         (b"t.", "a mark on the stack"),

@@ -9,6 +9,7 @@ import pytest
 import trimesh
 
 from asfm.errors import AsfmError
+from asfm.simulation.scenes.mesh_file import read_mesh
 from asfm.simulation.simulate import simulate
 
 
@@ -93,3 +94,13 @@ def test_a_damaged_mesh_is_refused_without_output_of_the_library(
     with pytest.raises(AsfmError, match=r"short\.stl: "):
         simulate(str(path))
     assert printed.getvalue() == "printed\n"
+
+
+def test_a_closed_mesh_without_a_volume_is_read_without_a_warning(
+    tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    """Two layers of one sheet, joined all around."""
+    path = tmp_path / "flat.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 4\nf 3 2 1\nf 4 3 1\n")
+    scene = read_mesh(path, np.random.default_rng(0))
+    assert len(scene.faces) and len(recwarn) == 0
