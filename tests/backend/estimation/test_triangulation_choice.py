@@ -37,7 +37,7 @@ def point_at(elevation_share: float) -> FloatArray:
 @pytest.mark.parametrize("right", [0, 3, 6])
 def test_one_right_observation_among_the_first_the_middle_and_the_last_suffices(right: int) -> None:
     poses, low = rolled_poses(np.linspace(-0.6, 0.6, 7)), point_at(-0.7)
-    exact, wrong = observe(poses, low), np.isin(np.arange(7), list({0, 3, 6} - {right}))
+    exact, wrong = observe(poses, low), np.isin(np.arange(7), list({0, 3, 5, 6} - {right}))
     range_m = exact.range_m + wrong * np.linspace(1.0, 2.0, 7)
     found_m = triangulate(Tracks(exact.track, exact.frame, range_m, exact.bearing_rad), poses)
     np.testing.assert_allclose(found_m, low, atol=0.01)
@@ -60,9 +60,9 @@ def test_an_inlier_costs_its_square_up_to_the_truncation() -> None:
 
 
 def test_the_prior_counts_once_a_track_and_not_once_a_view() -> None:
-    """One lifted frame tells a point from its reflection, at which a hundred frames would look nearer to the middle."""
-    y_m, z_m = np.concatenate([np.linspace(-2.5, 2.5, 6), np.zeros(101)]), np.append(np.zeros(106), 0.1)
-    pitch_rad = np.concatenate([np.zeros(6), np.full(100, -0.28 * HALF_RAD), [0.0]])
+    """One lifted frame tells a point from its reflection, which more frames see nearer to the middle."""
+    y_m, z_m = np.concatenate([np.linspace(-2.5, 2.5, 6), np.zeros(201)]), np.append(np.zeros(206), 0.1)
+    pitch_rad = np.concatenate([np.zeros(6), np.full(200, -0.28 * HALF_RAD), [0.0]])
     rotation = Rotation.from_rotvec(np.outer(pitch_rad, [0.0, 1.0, 0.0]))
     poses, below = make_pose(np.stack([0 * y_m, y_m, z_m], axis=1), rotation), point_at(-0.7)
     np.testing.assert_allclose(triangulate(observe(poses, below), poses), below, atol=0.02)
