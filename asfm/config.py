@@ -4,6 +4,8 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from asfm.errors import quote
+
 Filter = Literal["mutual", "ratio", "ssl", "arc", "planar", "clique"]
 """The outlier filters of asfm.frontend.matching.filters."""
 MAX_PATCH_RADIUS_PX = 40
@@ -111,7 +113,7 @@ class MatchingConfig(Section):
     @model_validator(mode="after")
     def _check_filters(self) -> "MatchingConfig":
         if len(set(self.filters)) < len(self.filters):
-            raise ValueError(f"expected each filter at most once in filters, found {list(self.filters)}")
+            raise ValueError(f"expected each filter at most once in filters, found {quote(list(self.filters))}")
         return self
 
 

@@ -34,3 +34,9 @@ def test_each_filter_is_listed_once() -> None:
 def test_patches_are_as_large_as_the_larger_of_their_uses(ssl_px: int, alignment_px: int) -> None:
     config = Config(ssl=SslConfig(radius_px=ssl_px), localisation=LocalisationConfig(radius_px=alignment_px))
     assert config.patch_radius_px == max(ssl_px, alignment_px)
+
+
+def test_a_long_list_of_filters_is_quoted_shortly() -> None:
+    with pytest.raises(ValidationError) as caught:
+        MatchingConfig(filters=("arc",) * 500)
+    assert caught.value.errors()[0]["msg"].count("arc") < 20

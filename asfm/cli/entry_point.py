@@ -71,7 +71,8 @@ def _explain(error: BaseException) -> tuple[int, str]:
     if isinstance(error, AsfmError):
         return EXIT_BAD_INPUT, str(error)
     if isinstance(error, OSError):
-        return EXIT_BAD_INPUT, f"{error.filename}: {error.strerror}" if error.filename else str(error)
+        text = f"{error.filename}: {error.strerror}" if error.filename else str(error)
+        return EXIT_BAD_INPUT, str(AsfmError(text))  # on one line of bounded length
     if hasattr(error, "format_message"):  # usage errors of Typer and Click, which have no common base class
         context = getattr(error, "ctx", None)
         command = context.command_path if context is not None else "asfm"

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from asfm.datasets.native.writer import write_native
 from asfm.datasets.tables import read_tum
-from asfm.errors import AsfmError
+from asfm.errors import AsfmError, quote
 from asfm.regular_file import is_present
 from asfm.sequence import Sequence
 from asfm.stages import Progress, no_progress
@@ -55,7 +55,7 @@ def simulate_to(
 
     options = options or SimulationOptions()
     if options.format_name not in FORMATS:
-        raise AsfmError(f"unknown format {options.format_name!r} to write; known: {', '.join(FORMATS)}")
+        raise AsfmError(f"unknown format {quote(options.format_name)} to write; known: {', '.join(FORMATS)}")
     simulated = simulate(scene, options.sonar, options.frames, options.seed, _read_motion(options.motion))
 
     def report(done: int, total: int) -> None:
@@ -75,6 +75,6 @@ def _read_motion(motion: str | None) -> str | Trajectory | None:
     if motion is None or motion in MOTIONS:
         return motion
     path = Path(motion)
-    if path.is_dir():
+    if is_present(path) and path.is_dir():
         raise AsfmError(f"{path}: expected a motion's name or a path in TUM format, found a folder")
     return read_tum(path) if path.suffix or is_present(path) else motion

@@ -156,3 +156,11 @@ def test_both_formats_have_the_same_description(place: Path, ask: Callable[..., 
     native, pickled = descriptions
     same = [key for key in native if key in pickled and native[key] == pickled[key]]
     assert {"frames", "range", "bearing"} <= {key.split()[0].rstrip(":") for key in same}, (native, pickled)
+
+
+@pytest.mark.parametrize("option", ["scene", "--sonar", "--motion", "--format"])
+def test_a_name_of_any_length_is_quoted_in_80_characters(ask: Callable[..., tuple[int, str]], option: str) -> None:
+    name = "x" * 300
+    code, message = ask(name) if option == "scene" else ask("seafloor", option, name)
+    assert code == 2 and message.count("\n") == 1
+    assert 60 < message.count("x") < 90 and "known: " in message

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from asfm.errors import AsfmError
+from asfm.errors import AsfmError, quote
 from asfm.regular_file import is_present
 from asfm.simulation.scenes.hull import make_hull
 from asfm.simulation.scenes.mesh_file import read_mesh
@@ -86,4 +86,4 @@ def find_scene(name: str) -> SceneEntry | MeshEntry:
     path = Path(name)
     if path.suffix or is_present(path):
         return MeshEntry(path)
-    raise AsfmError(f"unknown scene {name!r}; known: {', '.join(SCENES)}, or a mesh file")
+    raise AsfmError(f"unknown scene {quote(name)}; known: {', '.join(SCENES)}, or a mesh file")

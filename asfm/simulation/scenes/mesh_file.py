@@ -3,6 +3,7 @@
 import bz2
 import io
 import logging
+import struct
 import zipfile
 from functools import partial
 from pathlib import Path
@@ -75,7 +76,7 @@ def _load(path: Path) -> "trimesh.Trimesh":
         mesh = trimesh.load(source, file_type=kind, resolver=resolver, force="mesh", process=False, **options)
     except AsfmError as error:
         raise AsfmError(f"{path}: cannot read a mesh: {error}") from None
-    except (ImportError, KeyError, IndexError, TypeError, AttributeError, AssertionError):
+    except (ImportError, LookupError, TypeError, AttributeError, AssertionError, NameError, struct.error):
         # These exceptions of a format's reader describe its code, not the file.
         raise AsfmError(f"{path}: cannot read a mesh: the file is damaged, or not what its suffix says") from None
     except Exception as error:  # trimesh passes on the exceptions of a dozen formats

@@ -120,9 +120,9 @@ def _check_kinds(settings: dict[str, Any], where: str) -> None:
     """Refuse text and booleans where a number is expected; pydantic would convert them."""
     for key, value in settings.items():
         if isinstance(value, str) and key not in TEXT_KEYS:
-            raise AsfmError(f"{where}: sonar parameter {key!r}: expected a number, found {quote(value)}")
+            raise AsfmError(f"{where}: sonar parameter {quote(key)}: expected a number, found {quote(value)}")
         if isinstance(value, bool) and key not in SWITCH_KEYS:
-            raise AsfmError(f"{where}: sonar parameter {key!r}: expected a number, found {str(value).lower()}")
+            raise AsfmError(f"{where}: sonar parameter {quote(key)}: expected a number, found {str(value).lower()}")
 
 
 def parse_sonar(settings: dict[str, Any], where: str) -> ImagingSonar:

@@ -8,7 +8,7 @@ strength are the simulator's defaults unless a fit is named.
 import numpy as np
 
 from asfm.datasets.aris.lenses import beam_centres_deg
-from asfm.errors import AsfmError
+from asfm.errors import AsfmError, quote
 from asfm.simulation.sonars.parameters import ImagingSonar
 from asfm.types import FloatArray
 
@@ -170,5 +170,7 @@ def find_preset(name: str) -> ImagingSonar:
         AsfmError: there is no such preset; the message lists the known ones.
     """
     if name not in PRESETS:
-        raise AsfmError(f"unknown sonar preset {name!r}; known: {', '.join(PRESETS)}, or a HoloOcean scenario (.json)")
+        raise AsfmError(
+            f"unknown sonar preset {quote(name)}; known: {', '.join(PRESETS)}, or a HoloOcean scenario (.json)"
+        )
     return PRESETS[name]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from asfm.errors import AsfmError
+from asfm.errors import AsfmError, quote
 from asfm.geometry.poses import make_pose
 from asfm.types import FloatArray
 
@@ -183,5 +183,5 @@ def find_motion(name: str) -> Motion:
         AsfmError: there is no such motion; the message lists the known ones.
     """
     if name not in MOTIONS:
-        raise AsfmError(f"unknown motion {name!r}; known: {', '.join(MOTIONS)}, or a path in TUM format")
+        raise AsfmError(f"unknown motion {quote(name)}; known: {', '.join(MOTIONS)}, or a path in TUM format")
     return MOTIONS[name]

@@ -1,6 +1,7 @@
 """Scenes from mesh files, and files that are refused."""
 
 import io
+import json
 import logging
 from pathlib import Path
 
@@ -104,3 +105,19 @@ def test_a_closed_mesh_without_a_volume_is_read_without_a_warning(
     path.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 4\nf 3 2 1\nf 4 3 1\n")
     scene = read_mesh(path, np.random.default_rng(0))
     assert len(scene.faces) and len(recwarn) == 0
+
+
+def test_an_error_in_the_code_of_trimesh_is_not_quoted(tmp_path: Path) -> None:
+    """Here a variable of the reader that was never set."""
+    primitive = {"attributes": {"POSITION": 0}}
+    content = {
+        "asset": {"version": "2.0"},
+        "accessors": [{"componentType": 5126, "count": 10**11, "type": "VEC3"}],
+        "meshes": [{"primitives": [primitive]}],
+        "nodes": [{"mesh": 0}],
+        "scenes": [{"nodes": [0]}],
+    }
+    path = tmp_path / "x.gltf"
+    path.write_text(json.dumps(content))
+    with pytest.raises(AsfmError, match="cannot read a mesh: the file is damaged"):
+        read_mesh(path, np.random.default_rng(0))
