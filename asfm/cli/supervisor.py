@@ -4,7 +4,9 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from typing import NoReturn
 
 from asfm import __version__, atomic_folder
 from asfm.cli.memory import has_memory_limit
@@ -32,7 +34,7 @@ def supervise(work: Callable[[], int]) -> int:
         work: returns an exit code, also at KeyboardInterrupt.
 
     Returns:
-        The exit code, in the child that of the work.
+        The exit code of the work.
     """
     source, sink = os.pipe()
     parent = os.getpid()
@@ -43,7 +45,7 @@ def supervise(work: Callable[[], int]) -> int:
         return work()
     if child == 0:
         os.close(source)
-        return _work_under_supervision(work, sink, parent)
+        _work_under_supervision(work, sink, parent)
     os.close(sink)
     received = _forward_signals(child)
     status = _wait(child)
@@ -55,7 +57,7 @@ def supervise(work: Callable[[], int]) -> int:
     return _explain(status, received) if code is None else code
 
 
-def _work_under_supervision(work: Callable[[], int], sink: int, parent: int) -> int:
+def _work_under_supervision(work: Callable[[], int], sink: int, parent: int) -> NoReturn:
     """Do the work as the child, and tell the parent of temporary folders and of the exit code."""
     _die_with_parent(parent)
     raise_at_first_signal()
@@ -71,7 +73,10 @@ def _work_under_supervision(work: Callable[[], int], sink: int, parent: int) -> 
     except KeyboardInterrupt:  # before or after the command itself; the parent prints the line
         os._exit(EXIT_BAD_INPUT)
     tell(CODE + str(code).encode())
-    return code
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError, AttributeError):  # closed, or the disk is full: that was said already
+            stream.flush()
+    os._exit(code)  # the end of the interpreter could wait for threads of the caller, which a fork does not copy
 
 
 def _forward_signals(child: int) -> list[int]:

@@ -49,6 +49,14 @@ def test_sudden_ends_are_one_line(tmp_path: Path, work: str, before: str, code: 
     assert [path.name for path in tmp_path.iterdir()] == ([] if code else ["out"])
 
 
+def test_a_watchdog_of_the_caller_does_not_keep_the_work_from_ending(tmp_path: Path) -> None:
+    """A fork does not copy its thread, and the end of an interpreter would wait for it."""
+    watchdog = "import faulthandler; faulthandler.dump_traceback_later(100)\n"
+    process = start(tmp_path, "time.sleep(0.5); print('the last words')", watchdog)
+    out, err = process.communicate(timeout=30)
+    assert (process.returncode, out, err) == (0, "the last words\n", "")
+
+
 @pytest.mark.parametrize("sent", ["SIGINT", "SIGTERM", "SIGHUP"])
 @pytest.mark.parametrize("times", [1, 2])
 def test_work_that_is_deaf_to_signals_is_ended(tmp_path: Path, sent: str, times: int) -> None:
