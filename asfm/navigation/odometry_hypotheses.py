@@ -7,6 +7,7 @@ axis or the heading mirrored, another convention of axes, poses, rotations or qu
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -38,7 +39,7 @@ AS_RECORDED = "as it is"
 """Name of the hypothesis that the odometry has no fault."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PointPairs:
     """Points matched between two frames without the use of odometry."""
 
@@ -155,11 +156,16 @@ def median_arc_distance_m(pair: PointPairs, world_from_sonar: FloatArray, sonar:
         sonar: gives the elevation aperture.
     """
     b_from_a = invert(world_from_sonar[pair.frame_b]) @ world_from_sonar[pair.frame_a]
-    arcs = transform(b_from_a, sonar.elevation_arc(pair.range_bearing_a[:, 0], pair.range_bearing_a[:, 1], ARC_POINTS))
-    range_m, bearing_rad, _ = project(arcs)
+    range_m, bearing_rad, _ = project(transform(b_from_a, _elevation_arcs_m(pair, sonar)))
     measured_m, measured_rad = pair.range_bearing_b[:, :1], pair.range_bearing_b[:, 1:]
     difference_rad = wrap_angle(bearing_rad - measured_rad)
     return float(np.median(np.hypot(range_m - measured_m, measured_m * difference_rad).min(axis=1)))
+
+
+@lru_cache(maxsize=4 * MAX_FRAME_PAIRS)
+def _elevation_arcs_m(pair: PointPairs, sonar: SonarModel) -> FloatArray:
+    """Return the (M, ARC_POINTS, 3) arcs of a pair's points in frame a, which all hypotheses share."""
+    return sonar.elevation_arc(pair.range_bearing_a[:, 0], pair.range_bearing_a[:, 1], ARC_POINTS)
 
 
 def expected_arc_distance_m(pair: PointPairs, feature_sigma: FloatArray, step_sigma: FloatArray) -> float:

@@ -9,9 +9,12 @@ from asfm.cli import run_command_line
 from asfm.commands import run_demo
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def demo_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the folder of a demo of 6 frames: a simulated sequence and the results of its run."""
+    """Return the folder of a demo of 6 frames: a simulated sequence and the results of its run.
+
+    It is shared by all tests of the commands, which change copies of it only.
+    """
     folder = tmp_path_factory.mktemp("demo")
     run_demo(folder, frames=6)
     return folder

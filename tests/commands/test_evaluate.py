@@ -18,8 +18,9 @@ from asfm.geometry.poses import tum_from_pose
 Ask = Callable[..., str]
 
 
-def test_evaluation_states_alignment_and_odometry(demo_folder: Path, ask: Ask) -> None:
-    results = demo_folder / "results"
+def test_evaluation_states_alignment_and_odometry(demo_folder: Path, tmp_path: Path, ask: Ask) -> None:
+    results = tmp_path / "results"
+    shutil.copytree(demo_folder / "results", results)
     before = json.loads((results / "evaluation.json").read_text())
     (results / "evaluation.json").unlink()
     text = ask("evaluate", results)

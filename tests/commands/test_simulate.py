@@ -19,17 +19,17 @@ FRAMES = 6
 
 
 def test_simulate_writes_a_sequence_with_truth(tmp_path: Path, ask: Ask, capsys: Any) -> None:
-    text = ask("simulate", "seafloor", "--output", tmp_path / "a", "--frames", "2", "--sonar", "aris_3000")
+    text = ask("simulate", "tank", "--output", tmp_path / "a", "--frames", "2", "--sonar", "aris_3000")
     assert f"asfm run {tmp_path / 'a'} --output" in text
     sequence, read_truth = open_sequence(tmp_path / "a"), open_truth(tmp_path / "a")
     assert len(sequence) == 2 and sequence.sonar.shape[1] == 128 and sequence.groundtruth is not None
     assert read_truth is not None and np.isfinite(read_truth(1).elevation_rad).any()
-    simulate_to("seafloor", tmp_path / "b", SimulationOptions(sonar="aris_3000", frames=2))
+    simulate_to("tank", tmp_path / "b", SimulationOptions(sonar="aris_3000", frames=2))
     for path in sorted(path for path in (tmp_path / "a").rglob("*") if path.is_file()):
         assert path.read_bytes() == (tmp_path / "b" / path.relative_to(tmp_path / "a")).read_bytes(), path.name
-    assert run_command_line(["simulate", "seafloor", "--output", str(tmp_path / "a"), "--frames", "1"]) == 2
+    assert run_command_line(["simulate", "tank", "--output", str(tmp_path / "a"), "--frames", "1"]) == 2
     assert "already holds a sequence" in capsys.readouterr().err
-    ask("simulate", "seafloor", "--output", tmp_path / "a", "--frames", "1", "--overwrite")
+    ask("simulate", "tank", "--output", tmp_path / "a", "--frames", "1", "--overwrite")
     assert len(open_sequence(tmp_path / "a")) == 1
 
 
@@ -43,11 +43,11 @@ def test_simulate_takes_its_scene_as_argument_or_option(tmp_path: Path, ask: Ask
 
 def test_simulate_follows_a_motion_or_a_path(demo_folder: Path, tmp_path: Path, ask: Ask, capsys: Any) -> None:
     still, along = tmp_path / "still", tmp_path / "along"
-    ask("simulate", "seafloor", "--output", still, "--frames", "2", "--motion", "static")
+    ask("simulate", "tank", "--output", still, "--frames", "2", "--motion", "static")
     truth = open_sequence(still).groundtruth
     assert truth is not None and np.array_equal(truth.world_from_vehicle[0], truth.world_from_vehicle[1])
     path = demo_folder / "seafloor" / "groundtruth.tum"
-    text = ask("simulate", "seafloor", "--output", along, "--motion", path)
+    text = ask("simulate", "tank", "--output", along, "--motion", path, "--sonar", "didson")
     truth, expected = open_sequence(along).groundtruth, read_tum(path)
     assert truth is not None and text.startswith(f"{len(truth.timestamps_s)} frames in ")
     assert FRAMES - 1 <= len(truth.timestamps_s) <= FRAMES, "the path ends before 80 frames"
@@ -62,9 +62,9 @@ def test_simulate_follows_a_motion_or_a_path(demo_folder: Path, tmp_path: Path, 
 def test_simulate_prints_diagnostics(tmp_path: Path, capsys: Any) -> None:
     away = tmp_path / "away.tum"
     away.write_text("0 0 0 2 0 -0.5 0 0.8660254\n1 0 0 2 0 -0.5 0 0.8660254\n")  # looks up
-    arguments = ["simulate", "seafloor", "--output", str(tmp_path / "out"), "--frames", "2", "--motion", str(away)]
+    arguments = ["simulate", "tank", "--output", str(tmp_path / "out"), "--frames", "2", "--motion", str(away)]
     assert run_command_line(arguments) == 0
-    assert "warning: 2 of 2 frames see nothing of seafloor within " in capsys.readouterr().err
+    assert "warning: 2 of 2 frames see nothing of tank within " in capsys.readouterr().err
 
 
 def test_simulate_writes_the_holoocean_format(tmp_path: Path, ask: Ask, capsys: Any) -> None:

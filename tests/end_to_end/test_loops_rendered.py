@@ -1,7 +1,8 @@
 """Loops on rendered images of a round trip: over rocks of which no two are alike, and over the same ones repeated."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -45,14 +46,15 @@ class RoundTrip:
     sequence: Sequence
     world_from_sonar: FloatArray
     """(N, 4, 4), the vehicle's as well."""
-    elevation_rad: list[FloatArray]
+    read_elevation_rad: Callable[[int], FloatArray]
+    """Of a frame, in pixels; rendered when it is asked for."""
 
     def are_right(self, matches: Matches, keypoints: list[Keypoints]) -> BoolArray:
         """Return which matches (M,) join keypoints of one true point."""
         a, b = keypoints[matches.frame_a], keypoints[matches.frame_b]
         of_a, of_b = matches.index.T
         b_from_a = invert(self.world_from_sonar[matches.frame_b]) @ self.world_from_sonar[matches.frame_a]
-        elevation_rad, known = look_up_elevation(a.row_column[of_a], self.elevation_rad[matches.frame_a])
+        elevation_rad, known = look_up_elevation(a.row_column[of_a], self.read_elevation_rad(matches.frame_a))
         points = back_project(a.range_m[of_a], a.bearing_rad[of_a], np.where(known, elevation_rad, 0.0))
         range_m, bearing_rad, _ = project(transform(b_from_a, points))
         near = (abs(range_m - b.range_m[of_b]) < 0.12) & (abs(bearing_rad - b.bearing_rad[of_b]) < np.deg2rad(1.5))
@@ -81,8 +83,8 @@ def render_round_trip(repeated: bool, seed: int) -> RoundTrip:
     poses = look_at(view, target_m, 0.0) @ make_sway(view, times_s, 0.3, rng)
     simulated = simulate_path(scene, sonar, Trajectory(times_s, poses), seed, noise=NOISE, drift=None)
     frames = list(simulated.sequence)
-    elevation_rad = [simulated.read_truth(index).elevation_rad for index in range(FRAMES)]
-    return RoundTrip(replace(simulated.sequence, read_frame=frames.__getitem__), poses, elevation_rad)
+    read_elevation_rad = cache(lambda index: simulated.read_truth(index).elevation_rad)
+    return RoundTrip(replace(simulated.sequence, read_frame=frames.__getitem__), poses, read_elevation_rad)
 
 
 def _make_rocks(rng: np.random.Generator, repeated: bool) -> Scene:

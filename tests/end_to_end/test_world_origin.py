@@ -15,7 +15,7 @@ from asfm.sequence import Sequence
 from asfm.simulation.simulate import simulate
 from asfm.types import FloatArray, Reconstruction, Trajectory
 
-FRAMES = 8
+FRAMES = 6
 MAX_SHIFT_M, MAX_TURN_RAD = 1e-6, 1e-8
 SENSORS = {"odometry, depth and attitude": (True, True), "odometry": (True, False), "depth and attitude": (False, True)}
 UTM = (np.array([500000.0, 5572094.155, 0.0]), 0.0)

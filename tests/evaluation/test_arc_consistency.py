@@ -22,7 +22,7 @@ def dense_error(
     a: FloatArray, b: FloatArray, sonar_b_from_sonar_a: FloatArray, tolerances: tuple[float, float]
 ) -> FloatArray:
     """Smallest error over a dense grid of elevations, over its tolerance."""
-    arc_m = back_project(a[0][:, None], a[1][:, None], SONAR.elevations(20001))
+    arc_m = back_project(a[0][:, None], a[1][:, None], SONAR.elevations(5001))
     range_m, bearing_rad, _ = project(transform(sonar_b_from_sonar_a, arc_m))
     turn_rad = np.abs(np.angle(np.exp(1j * (bearing_rad - b[1][:, None]))))
     error = np.maximum(np.abs(range_m - b[0][:, None]) / tolerances[0], turn_rad / tolerances[1])

@@ -115,6 +115,19 @@ def test_arc_distance_is_zero_under_the_truth_and_the_length_of_a_wrong_step() -
     )
 
 
+def test_arcs_are_those_of_the_pair_and_the_sonar_that_are_given() -> None:
+    """They are kept from one call to the next: neither another aperture nor other points may get them."""
+    poses = (make_vehicle_path() @ VEHICLE_LEVER_ARM)[[0, 4]]
+    pair, high = make_exact_pair(poses), poses.copy()
+    high[1] = poses[1] @ make_pose(np.array([0.0, 0.0, 0.5]), Rotation.identity())
+    narrow = replace(VEHICLE_SONAR, elevation_aperture_rad=VEHICLE_SONAR.elevation_aperture_rad / 10)
+    wide_m, narrow_m = (median_arc_distance_m(pair, high, sonar) for sonar in (VEHICLE_SONAR, narrow))
+    assert abs(wide_m - narrow_m) > 1e-3
+    further = replace(pair, range_bearing_a=pair.range_bearing_a + np.array([1.0, 0.0]))
+    assert median_arc_distance_m(further, poses, VEHICLE_SONAR) == pytest.approx(1.0, abs=0.1)
+    assert median_arc_distance_m(pair, high, VEHICLE_SONAR) == wide_m
+
+
 def test_expected_distance_grows_with_each_noise_and_the_gap() -> None:
     pair = make_exact_pair(np.tile(np.eye(4), (2, 1, 1)))
     features, steps = np.array([0.015, 0.005]), np.tile([0.005, 0.02], (5, 1))

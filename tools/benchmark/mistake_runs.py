@@ -1,7 +1,8 @@
 """Runs of plausible mistakes: no result may be much worse than what the right sensors give without a word."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -104,7 +105,7 @@ def compare_mistakes(
         modes: keys of :data:`SENSOR_MODES`.
         mistakes: those to make.
     """
-    rights = {mode: measure(sequence, mode) for mode in SENSOR_MODES}
+    rights = cache(partial(measure, sequence))
     odometry_m = evaluate_sequence(sequence, sequence.odometry).row(ATE_RMSE).value if sequence.odometry else np.inf
     for mode in modes:
         for mistake in mistakes:
@@ -112,14 +113,14 @@ def compare_mistakes(
             if not wrong & SENSORS[mode] or (mode == "sonar alone" and mistake.about_geometry):
                 continue  # nothing that this mode uses is wrong; or the sonar alone cannot know its own geometry
             reference_m = _reference(SENSORS[mode] - wrong, rights, odometry_m)
-            yield Cell(mistake.name, mode, measure(mistake.apply(sequence), mode), rights[mode], reference_m)
+            yield Cell(mistake.name, mode, measure(mistake.apply(sequence), mode), rights(mode), reference_m)
 
 
-def _reference(right: frozenset[str], rights: dict[str, Outcome], odometry_m: float) -> float:
+def _reference(right: frozenset[str], rights: Callable[[str], Outcome], odometry_m: float) -> float:
     """Return the error that the sensors that are right reach together, or the odometry's own without images."""
     for mode, sensors in SENSORS.items():
         if right == sensors:
-            return rights[mode].ate_m
+            return rights(mode).ate_m
     return odometry_m if "odometry" in right else 0.0
 
 
