@@ -12,15 +12,15 @@ from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
 from asfm.backend.diagnostics.linearised_residuals import (
-    CAUCHY_SIGMAS,
-    HUBER_SIGMAS,
     ResidualBlock,
     linearise_depth_attitude,
     linearise_odometry,
     linearise_sonar,
 )
 from asfm.backend.estimation.solution import Solution
+from asfm.backend.graph.factors import CAUCHY_SIGMAS, HUBER_SIGMAS
 from asfm.geometry.poses import invert, transform
+from asfm.geometry.sonar import project, project_jacobian
 from asfm.types import FloatArray, IntArray
 
 MAX_STEPS = 20
@@ -146,19 +146,9 @@ def _linearise_aperture(solution: Solution, sonar: ResidualBlock) -> ResidualBlo
     world_from_vehicle, lever = bundle.world_from_vehicle[frame], problem.vehicle_from_sonar
     in_vehicle = transform(invert(world_from_vehicle), bundle.xyz_m[track])
     in_sonar = transform(invert(lever), in_vehicle)
-    horizontal_m = np.maximum(np.linalg.norm(in_sonar[:, :2], axis=1), 1e-9)
-    elevation_rad = np.arctan2(in_sonar[:, 2], horizontal_m)
+    elevation_rad = project(in_sonar)[2]
     excess_rad = elevation_rad - np.clip(elevation_rad, -problem.half_aperture_rad, problem.half_aperture_rad)
-    square_m2 = horizontal_m**2 + in_sonar[:, 2] ** 2
-    by_sonar = np.stack(
-        [
-            -in_sonar[:, 2] * in_sonar[:, 0] / horizontal_m,
-            -in_sonar[:, 2] * in_sonar[:, 1] / horizontal_m,
-            horizontal_m,
-        ],
-        axis=1,
-    )
-    by_vehicle = (by_sonar / square_m2[:, None]) @ lever[:3, :3].T / APERTURE_SIGMA_RAD
+    by_vehicle = project_jacobian(in_sonar)[:, 2] @ lever[:3, :3].T / APERTURE_SIGMA_RAD
     turn = np.cross(in_vehicle, by_vehicle)
     return ResidualBlock(
         sensor="aperture",

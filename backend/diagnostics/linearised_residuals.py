@@ -6,6 +6,7 @@ import numpy as np
 
 from asfm.backend.diagnostics.calibration_parameters import NUMBER, PARAMETERS
 from asfm.backend.estimation.solution import Solution
+from asfm.backend.graph.factors import CAUCHY_SIGMAS, HUBER_SIGMAS
 from asfm.geometry.poses import (
     adjoint,
     cross_matrix,
@@ -18,9 +19,6 @@ from asfm.geometry.poses import (
 )
 from asfm.geometry.sonar import project, project_jacobian
 from asfm.types import FloatArray, IntArray
-
-CAUCHY_SIGMAS, HUBER_SIGMAS = 2.0, 3.0
-"""Scales of the robust kernels of the sonar's factors, and of depth and attitude."""
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,8 @@ UNMEASURED_SIGMA_RAD = 1e2
 MIN_COS_PITCH = 1e-2
 """Lower bound of cos(pitch) in attitude factors: roll is unobservable at a pitch of 90 degrees, and the noise model
 must stay invertible."""
+CAUCHY_SIGMAS, HUBER_SIGMAS = 2.0, 3.0
+"""Scales of the robust kernels: of the sonar's factors, and of depth and attitude."""
 UNIT_CAMERA = gtsam.Cal3_S2(1.0, 1.0, 0.0, 0.0, 0.0)
 
 
@@ -27,7 +29,7 @@ def sonar_from_beam(bearing_rad: float) -> gtsam.Rot3:
     return gtsam.Rot3(np.array([[-sine, 0.0, cosine], [cosine, 0.0, sine], [0.0, 1.0, 0.0]]))
 
 
-def cauchy(sigmas: FloatArray, scale: float = 2.0) -> gtsam.noiseModel.Base:
+def cauchy(sigmas: FloatArray, scale: float = CAUCHY_SIGMAS) -> gtsam.noiseModel.Base:
     """Return a diagonal noise model with a Cauchy kernel.
 
     Args:
@@ -71,7 +73,7 @@ def range_factor(
     )
 
 
-def huber(noise: gtsam.noiseModel.Base, sigmas: float = 3.0) -> gtsam.noiseModel.Base:
+def huber(noise: gtsam.noiseModel.Base, sigmas: float = HUBER_SIGMAS) -> gtsam.noiseModel.Base:
     """Add a Huber kernel to a noise model: linear cost beyond this many sigmas."""
     return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(sigmas), noise)
 
