@@ -15,7 +15,7 @@ from asfm.evaluation.matching import (
     evaluate_pair,
     pool_pairs,
 )
-from asfm.evaluation.true_positions import find_true_positions
+from asfm.evaluation.true_positions import TruePositions, find_true_positions
 from asfm.geometry.poses import invert, make_pose, transform
 from asfm.geometry.sonar import SonarModel, back_project, project
 from asfm.sequence import Sequence
@@ -222,3 +222,11 @@ def test_rows_of_a_recording_are_arc_inlier_ratios() -> None:
     }
     assert evaluate_matching(run.keypoints, matches, replace(run.sequence, groundtruth=None), None) == ()
     assert evaluate_matching([], [], run.sequence, None) == ()
+
+
+def test_bearings_on_either_side_of_half_a_turn_agree() -> None:
+    """A sonar that sees behind itself measures pi - 0.005 rad where the truth is -pi + 0.005 rad."""
+    truth = TruePositions(np.full(1, 3.0), np.full(1, 0.005 - np.pi), np.ones(1, dtype=bool))
+    quality = evaluate_pair(truth, keypoints_at(np.full(1, 3.0), np.full(1, np.pi - 0.005)), matches_of(same(1)))
+    assert (quality.precision, quality.recall) == (1.0, 1.0)
+    np.testing.assert_allclose(quality.bearing_error_rad, -0.01, atol=1e-12)
