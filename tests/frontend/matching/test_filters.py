@@ -1,5 +1,6 @@
 """Outlier filters alone: each rejects wrong matches and keeps correct ones, on a frame pair with known outliers."""
 
+from dataclasses import replace
 from typing import get_args
 
 import numpy as np
@@ -11,7 +12,7 @@ from asfm.errors import AsfmError
 from asfm.frontend.matching.filters import FILTERS
 from asfm.frontend.matching.frame_pair import FramePair
 from asfm.types import FloatArray
-from tests.worlds import MATCHING_SONAR, make_frame_pair
+from tests.worlds import MATCHING_SONAR, make_frame_pair, make_keypoints
 
 COUNT, WRONG = 60, 12
 
@@ -52,6 +53,18 @@ def test_arc_filter_passes_all_without_a_prediction() -> None:
         [FramePair(full.keypoints_a, full.keypoints_b, full.nearest, MATCHING_SONAR)], Config()
     )
     assert passes.all()
+
+
+@pytest.mark.parametrize(("sigmas", "passed"), [(0.95, True), (1.05, False)])
+def test_arc_filter_passes_matches_up_to_the_gate(sigmas: float, passed: bool) -> None:
+    """All points lie that share of the gate beyond the farthest point of their arc."""
+    config, pair = Config(), make_frame_pair(wrong=0)
+    assert pair.arcs is not None and pair.sigma is not None
+    farthest_m = pair.arcs[..., 0].max(axis=1) + sigmas * config.matching.arc_gate * pair.sigma[:, 0]
+    bearing_rad = pair.arcs[np.arange(COUNT), pair.arcs[..., 0].argmax(axis=1), 1]
+    beyond = replace(pair, keypoints_b=make_keypoints(farthest_m, bearing_rad))
+    ((passes, _),) = FILTERS["arc"]([beyond], config)
+    assert passes.mean() > 0.95 if passed else not passes.any()
 
 
 def test_every_filter_of_the_configuration_exists() -> None:
