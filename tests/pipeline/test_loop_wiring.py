@@ -166,3 +166,17 @@ def test_loops_are_closed_and_judged_with_the_noise_and_lever_arm_of_the_sonar(s
         np.testing.assert_array_equal(call[3], expected @ trip.sequence.vehicle_from_sonar)
         np.testing.assert_array_equal(call[4], difference_sigma(VEHICLE_SONAR, CONFIG.noise))
         assert call[5] == CONFIG.matching.arc_gate
+
+
+def test_a_loop_that_stands_alone_is_not_closed(stub: Stub, trip: Trip) -> None:
+    """It passed every test, and no neighbour is a candidate."""
+    pair = pair_of(3, 28)
+    stub("search_loops", LoopSearch(np.arange(40), {(3, 28): pair}))
+    stub("choose_pairs", [pair])
+    stub("_check_pairs", lambda pairs, *_: [(one, check_of(one)) for one in pairs])
+    stub("KeypointTracks", "keypoint tracks")
+    closed = stub("_close_consistent", lambda loops, *_: ("poses", loops))
+    report = StageReport("loops")
+    found: Any = loop_closure.find_loops(trip.sequence, KEYPOINTS, trip.solution, CONFIG, report)
+    assert closed[0][0] == [] and found.matches == []
+    assert report.counts["rejected for standing alone"] == 1
