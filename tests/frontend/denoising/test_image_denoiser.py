@@ -114,6 +114,14 @@ def test_invalid_pixels_are_zero_and_have_no_effect_far_away() -> None:
     assert not denoise(image, ~invalid | invalid).any()
 
 
+@pytest.mark.parametrize("seed", [5, 6])
+def test_an_echo_is_as_bright_beside_invalid_pixels_as_without_them(seed: int) -> None:
+    image, invalid, beside = add_noise(draw_scene(), seed), ~VALID, ~VALID
+    invalid[150:200, 40:75] = beside[148:202, 38:77] = True
+    beside &= ~invalid
+    assert denoise(image, invalid)[beside].mean() == pytest.approx(denoise(image)[beside].mean(), rel=0.03)
+
+
 def test_non_finite_pixels_are_invalid() -> None:
     image, invalid = add_noise(draw_scene(), 8), np.zeros(SHAPE, dtype=bool)
     invalid[150:160, 40:50] = True

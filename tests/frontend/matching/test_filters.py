@@ -11,8 +11,10 @@ from asfm.config_file import load_config
 from asfm.errors import AsfmError
 from asfm.frontend.matching.filters import FILTERS
 from asfm.frontend.matching.frame_pair import FramePair
+from asfm.geometry.feature_noise import feature_sigma
+from asfm.geometry.sonar import SonarModel
 from asfm.types import FloatArray
-from tests.worlds import MATCHING_SONAR, make_frame_pair, make_keypoints
+from tests.worlds import MATCHING_SONAR, make_frame_pair, make_keypoints, observe_points, random_points
 
 COUNT, WRONG = 60, 12
 
@@ -65,6 +67,17 @@ def test_arc_filter_passes_matches_up_to_the_gate(sigmas: float, passed: bool) -
     beyond = replace(pair, keypoints_b=make_keypoints(farthest_m, bearing_rad))
     ((passes, _),) = FILTERS["arc"]([beyond], config)
     assert passes.mean() > 0.95 if passed else not passes.any()
+
+
+def test_clique_filter_allows_for_the_noise_of_keypoints_where_elevations_explain_nothing() -> None:
+    """Points in the plane of a sonar of hardly any aperture, moved by one standard deviation along the range."""
+    rng, config, pair = np.random.default_rng(0), Config(), make_frame_pair(wrong=0)
+    flat = SonarModel.evenly_spaced("flat", (0.5, 10.0), (-0.7, 0.7), (600, 256), 1e-4)
+    points, sigma_m = random_points(rng, COUNT, (2, 8), 0.6, 0.0), feature_sigma(flat, config.noise)[0]
+    a, b = observe_points(points), observe_points(points)
+    moved = replace(b, range_m=b.range_m + rng.choice([-sigma_m, sigma_m], COUNT))
+    ((passes, _),) = FILTERS["clique"]([replace(pair, keypoints_a=a, keypoints_b=moved, sonar=flat)], config)
+    assert passes.all()
 
 
 def test_every_filter_of_the_configuration_exists() -> None:
