@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from asfm.backend.ambiguity.partial_mirroring import (
     MIN_LOG_ODDS,
+    _triangulation_cost,
     compare_fits,
     correct_partial_mirroring,
     find_local_minimum,
@@ -158,3 +159,14 @@ def test_log_odds_are_those_of_a_plain_loop() -> None:
             expected += sign * weight * square * GUESSED_SLACK**2 / 2
     assert compare_fits(solutions[0], solutions[1], sequence, gate, 0.4) == pytest.approx(expected)
     assert expected > 10
+
+
+def test_an_outlier_adds_no_more_than_its_truncated_square_to_the_cost_of_a_frame() -> None:
+    tracks, sequence, sensors, truth = make_case()
+    gate, chosen = make_residual_gate(tracks, sequence, sensors, load_config()), np.arange(20)
+    off_m = np.where(np.arange(len(tracks)) == np.flatnonzero(tracks.track == 7)[3], 1.0, 0.0)
+    right, wrong = (
+        _triangulation_cost(replace(tracks, range_m=tracks.range_m + by), chosen, truth, sequence, gate)
+        for by in (0.0, off_m)
+    )
+    assert 0.9 * gate.gate.truncation**2 < wrong - right < 1.1 * gate.gate.truncation**2
