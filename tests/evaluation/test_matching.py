@@ -221,6 +221,11 @@ def test_rows_of_a_recording_are_arc_inlier_ratios() -> None:
         "match_count_gap_2": 0,
     }
     assert evaluate_matching(run.keypoints, matches, replace(run.sequence, groundtruth=None), None) == ()
+    assert run.sequence.groundtruth is not None
+    half = Trajectory(np.arange(2.0), run.sequence.groundtruth.world_from_vehicle[:2])
+    with_half = replace(run.sequence, groundtruth=half)
+    rows = evaluate_matching(run.keypoints, [*matches, matches_of(same(9), 2, 3)], with_half, None)
+    assert [row.value for row in rows] == [16, 12 / 16], "frames 2 and 3 have no true pose"
     assert evaluate_matching([], [], run.sequence, None) == ()
 
 

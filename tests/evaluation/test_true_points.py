@@ -120,3 +120,16 @@ def test_the_point_is_that_of_the_most_observations_and_not_of_a_compromise() ->
     found = find_true_points(tracks, SONAR, world.sonar_from_world, read_truth)
     np.testing.assert_array_equal(found.inlier, offset_m == 0)
     np.testing.assert_allclose(found.xyz_m, world.xyz_m, atol=1e-9)
+
+
+def test_an_observation_with_another_elevation_does_not_move_the_point() -> None:
+    """Range and bearing agree; in one frame the pixel's strongest echo comes from 0.2 rad higher."""
+    world = _World()
+
+    def read_truth(index: int) -> FrameTruth:
+        truth = world.read_truth(index)
+        return FrameTruth(truth.elevation_rad + (0.2 if index == 2 else 0.0), truth.clean)
+
+    found = find_true_points(world.tracks, SONAR, world.sonar_from_world, read_truth)
+    assert found.known.all() and found.inlier.all()
+    np.testing.assert_allclose(found.xyz_m, world.xyz_m, atol=1e-9)
