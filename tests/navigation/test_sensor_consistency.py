@@ -191,3 +191,13 @@ def test_expected_change_of_height_grows_with_the_path(speed_m: float) -> None:
     turn_rad, noise = VEHICLE_NOISE.odometry_rotation_rad * np.sqrt(LAG_FRAMES), VEHICLE_NOISE
     variance = 2 * noise.navigation_z_m**2 + LAG_FRAMES * noise.odometry_translation_m**2
     assert expected_m == pytest.approx(np.sqrt(variance + (turn_rad * speed_m * LAG_FRAMES) ** 2))
+
+
+def test_changes_since_frames_that_were_not_measured_are_not_compared() -> None:
+    """Readings alternate between measured and not over the lag, so that every change has one wrong end."""
+    path = make_vehicle_path()
+    readings, measured = read_exactly(path), np.arange(VEHICLE_FRAMES) // LAG_FRAMES % 2 == 0
+    spoiled = DepthAttitude(readings.z_roll_pitch + 5.0 * ~measured[:, None], readings.sigma.copy())
+    spoiled.sigma[~measured] = np.inf
+    found = compare(path, spoiled)
+    assert not found.difference.any() and not found.contradicts.any()
