@@ -180,3 +180,15 @@ def test_a_loop_that_stands_alone_is_not_closed(stub: Stub, trip: Trip) -> None:
     found: Any = loop_closure.find_loops(trip.sequence, KEYPOINTS, trip.solution, CONFIG, report)
     assert closed[0][0] == [] and found.matches == []
     assert report.counts["rejected for standing alone"] == 1
+
+
+@pytest.mark.parametrize(("short", "kept"), [(0.0, 1), (0.01, 0)])
+def test_half_of_the_matches_of_a_loop_must_agree_with_the_closed_poses(
+    stub: Stub, trip: Trip, short: float, kept: int
+) -> None:
+    stub("close_loops", make_vehicle_path() + 1.0)
+    stub("loop_observations", "observations")
+    stub("arc_inlier_ratio", 0.5 - short)
+    tracked: Any = "keypoint tracks"
+    _, left = loop_closure._close_consistent([matches_of(pair_of(3, 28))], frames_of(trip), trip.solution, tracked)
+    assert len(left) == kept
