@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import binary_dilation
 
 from asfm.config import Config
 from asfm.evaluation.denoising.metrics import measure_psnr
+from asfm.frontend.denoising.dbscan import dbscan_mask
 from asfm.frontend.denoising.image_denoiser import _correct_saturation, _echo_threshold, denoise_image, mask_image
-from asfm.frontend.denoising.noise_model import ImageNoise, smooth_echoes
+from asfm.frontend.denoising.noise_model import ImageNoise, estimate_noise, smooth_echoes
 from asfm.types import BoolArray, FloatArray, Frame, ImageArray
 
 SHAPE = (300, 160)
@@ -89,6 +91,16 @@ def test_detections_of_cfar_are_kept_however_weak(monkeypatch: pytest.MonkeyPatc
     after = denoise(image)
     assert (before[detected] > 0).mean() < 0.05 < 0.2 < (after[detected] > 0).mean()
     assert (after[~detected] > 0).mean() < 0.05
+
+
+def test_echoes_keep_the_pixels_beside_those_above_the_threshold(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of them that are brighter than the background, which is subtracted."""
+    image = add_noise(draw_scene(), 4)
+    monkeypatch.setattr("asfm.frontend.denoising.image_denoiser.detect_echo_mask", lambda *_: ~VALID)
+    above = smooth_echoes(image) > _echo_threshold(estimate_noise(image, VALID))
+    above = dbscan_mask(np.asarray(above), Config().clusters)
+    grown, found = binary_dilation(above, np.ones((3, 3))), denoise(image) > 0
+    assert found[grown & ~above].mean() > 0.2 and not found[~grown].any()
 
 
 @pytest.mark.parametrize("seed", range(3))
