@@ -3,6 +3,7 @@
 import json
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -268,3 +269,16 @@ def test_the_graph_is_optimised_to_the_end(scene: Scene, monkeypatch: pytest.Mon
     adjust = bundle_adjustment.adjust_bundle
     monkeypatch.setattr(bundle_adjustment, "adjust_bundle", lambda a, b, c, _: adjust(a, b, c, 1e-9))
     assert bound_of(scene, tracks).ate_m == pytest.approx(found, rel=2e-4)
+
+
+def test_the_graph_begins_at_the_true_poses_in_the_odometry_s_world(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    moved = make_pose(np.array([30.0, -7.0, 1.0]), Rotation.from_euler("ZYX", [2.0, 0.3, -0.2]))
+
+    def adjust(_: object, poses: FloatArray, *__: object) -> SimpleNamespace:
+        np.testing.assert_allclose(poses, moved @ scene.world_from_vehicle, atol=1e-9)
+        return SimpleNamespace(world_from_vehicle=poses)
+
+    monkeypatch.setattr(bundle_adjustment, "adjust_bundle", adjust)
+    assert bound_of(scene, scene.observe(SIGMA), scene.sequence(moved=moved)).ate_m < 1e-9

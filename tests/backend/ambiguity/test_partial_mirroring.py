@@ -25,7 +25,7 @@ from asfm.geometry.poses import invert, make_pose, transform
 from asfm.geometry.sonar import SonarModel, project
 from asfm.navigation.sensor_constraints import SensorConstraints
 from asfm.sequence import Sequence
-from asfm.types import FloatArray, Tracks
+from asfm.types import FloatArray, IntArray, Tracks
 from tests.worlds import make_constraints, no_frame
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (1500, 256), np.deg2rad(20))
@@ -170,3 +170,22 @@ def test_an_outlier_adds_no_more_than_its_truncated_square_to_the_cost_of_a_fram
         for by in (0.0, off_m)
     )
     assert 0.9 * gate.gate.truncation**2 < wrong - right < 1.1 * gate.gate.truncation**2
+
+
+def test_a_frame_is_tested_by_the_tracks_that_reach_farthest_to_both_sides(monkeypatch: pytest.MonkeyPatch) -> None:
+    module, tested = "asfm.backend.ambiguity.partial_mirroring", list[IntArray]()
+
+    def cost(_: Tracks, chosen: IntArray, *__: object) -> float:
+        tested.append(chosen)
+        return 1.0
+
+    tracks, sequence, sensors, truth = make_case()
+    monkeypatch.setattr(f"{module}.MAX_TRACKS", 6)
+    monkeypatch.setattr(f"{module}._triangulation_cost", cost)
+    frames, _ = scan_mirror_frames(
+        tracks, truth, sequence, make_residual_gate(tracks, sequence, sensors, load_config())
+    )
+    first, last = tracks.frame_span()
+    for frame, chosen in zip(frames.tolist(), tested[::2], strict=True):
+        reach = np.minimum(frame + 1 - first, last - frame)
+        assert reach[chosen].min() >= np.sort(reach)[-6] and reach[chosen].min() > 0 and len(chosen) == 6
