@@ -3,12 +3,14 @@
 import json
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from asfm.backend.estimation.solution import solve_tracks
+from asfm.backend.graph import bundle_adjustment
 from asfm.backend.initialisation.initial_poses import initialise_from_odometry
 from asfm.config import BackendConfig, Config
 from asfm.errors import AsfmError
@@ -161,7 +163,9 @@ def test_noise_is_that_added(scene: Scene, factor: float) -> None:
 
 
 def test_without_noise_the_bound_is_zero(scene: Scene) -> None:
-    assert bound_of(scene, scene.observe(np.zeros(2))).ate_m < 1e-3
+    bound = bound_of(scene, scene.observe(np.zeros(2)))
+    assert bound.ate_m < 1e-3
+    np.testing.assert_allclose(bound.sigma, [0.01 * SONAR.range_step_m, 0.01 * SONAR.bearing_step_rad])
     assert ate_m(*odometry_and_truth(scene)) > 0.02, "or the test could not fail"
 
 
@@ -256,3 +260,25 @@ def test_bound_is_added_to_the_table(scene: Scene) -> None:
     perfect = add_bound(table, Bound(0.0, SIGMA, POINTS, 500))
     with pytest.raises(KeyError):
         perfect.row("ate_over_bound")
+
+
+def test_the_graph_is_optimised_to_the_end(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tolerance ten thousand times tighter changes the bound by less than a fiftieth of a percent."""
+    tracks = scene.observe(SIGMA)
+    found = bound_of(scene, tracks).ate_m
+    adjust = bundle_adjustment.adjust_bundle
+    monkeypatch.setattr(bundle_adjustment, "adjust_bundle", lambda a, b, c, _: adjust(a, b, c, 1e-9))
+    assert bound_of(scene, tracks).ate_m == pytest.approx(found, rel=2e-4)
+
+
+def test_the_graph_begins_at_the_true_poses_in_the_odometry_s_world(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    moved = make_pose(np.array([30.0, -7.0, 1.0]), Rotation.from_euler("ZYX", [2.0, 0.3, -0.2]))
+
+    def adjust(_: object, poses: FloatArray, *__: object) -> SimpleNamespace:
+        np.testing.assert_allclose(poses, moved @ scene.world_from_vehicle, atol=1e-9)
+        return SimpleNamespace(world_from_vehicle=poses)
+
+    monkeypatch.setattr(bundle_adjustment, "adjust_bundle", adjust)
+    assert bound_of(scene, scene.observe(SIGMA), scene.sequence(moved=moved)).ate_m < 1e-9

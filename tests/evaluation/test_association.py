@@ -137,3 +137,15 @@ def test_errors_are_the_same_with_either_trajectory_far_from_its_origin() -> Non
         for a, b in ((near.estimate, far.estimate), (near.reference, far.reference)):
             np.testing.assert_allclose(b[:, :3, 3] - b[0, :3, 3], a[:, :3, 3] - a[0, :3, 3], atol=3e-9)
             assert np.abs(b[:, :3, 3]).max() < 1e3
+
+
+def test_a_rounded_stamp_beside_a_gap_takes_the_pose_before_it() -> None:
+    """The reference is lost for a hundred seconds and comes back a kilometre farther."""
+    reference = random_walk(3, 20)
+    reference[10:, 0, 3] += 1000.0
+    stamps_s = 0.2 * np.arange(20.0) + np.where(np.arange(20) >= 10, 100.0, 0.0)
+    rounded_s = stamps_s + np.where(np.arange(20) == 9, 9e-4, 0.0)
+    pairs = associate(Trajectory(rounded_s, random_walk(4, 20)), Trajectory(stamps_s, reference))
+    steps_m = np.linalg.norm(np.diff(reference[:10, :3, 3], axis=0), axis=1)
+    found_m = np.linalg.norm(np.diff(pairs.reference[:10, :3, 3], axis=0), axis=1)
+    np.testing.assert_allclose(found_m, steps_m, atol=1e-9)

@@ -182,3 +182,13 @@ def test_only_frames_within_the_time_of_the_truth_count(floor: TrackSimulation) 
     sequence = replace(floor.sequence, groundtruth=half)
     rows = evaluate_consistency(poses, covariances(12), landmarks, floor.tracks, sequence, None, False)
     assert [row.value for row in rows] == pytest.approx([0, 0], abs=1e-9)
+
+
+def test_a_point_that_a_single_observation_agrees_with_is_not_that_of_its_track(floor: TrackSimulation) -> None:
+    """All observations of one track but its first are moved to places where nothing echoes."""
+    landmarks, read_truth, tracks = displaced_landmarks(floor), truth_reader(floor), floor.tracks
+    moved = (tracks.track == 2) & (np.diff(tracks.track, prepend=-1) == 0)
+    spoiled = replace(tracks, range_m=tracks.range_m + np.where(moved, 0.7 + 0.3 * tracks.frame, 0.0))
+    before, after = (measure_landmarks(landmarks, each, floor.sequence, read_truth) for each in (tracks, spoiled))
+    assert moved.sum() > 1 and len(after.error_m) == len(before.error_m) - 1
+    np.testing.assert_allclose(after.error_m, np.delete(before.error_m, 1))

@@ -131,3 +131,15 @@ def test_a_mirrored_bearing_axis_has_residuals_on_the_tank(shared_data: Path) ->
     found = measure_hand_tracks(mirrored, sequence.groundtruth, sequence.sonar, sequence.vehicle_from_sonar)
     assert found is not None
     assert np.degrees(found.bearing_rmse_rad) > 1
+
+
+def test_bearings_of_a_sonar_that_looks_astern_are_compared_the_short_way_round() -> None:
+    """The points lie on both sides of the bearing of 180 degrees, at which the bearings jump."""
+    trajectory, turn = sway(12), make_pose(np.zeros(3), Rotation.from_euler("z", np.pi))
+    sonar_from_world = invert(trajectory.world_from_vehicle @ LEVER @ turn)
+    range_m, bearing_rad, _ = project(transform(sonar_from_world[:, None], POINTS))
+    assert np.ptp(bearing_rad) > 6
+    seen = replace(track(trajectory, POINTS), range_m=range_m.ravel(), bearing_rad=bearing_rad.ravel())
+    found = measure_hand_tracks(seen, trajectory, SONAR, LEVER @ turn)
+    assert found is not None
+    assert found.range_rmse_m < 1e-6 and found.bearing_rmse_rad < 1e-6

@@ -15,7 +15,7 @@ from asfm.evaluation.matching import (
     evaluate_pair,
     pool_pairs,
 )
-from asfm.evaluation.true_positions import find_true_positions
+from asfm.evaluation.true_positions import TruePositions, find_true_positions
 from asfm.geometry.poses import invert, make_pose, transform
 from asfm.geometry.sonar import SonarModel, back_project, project
 from asfm.sequence import Sequence
@@ -221,4 +221,17 @@ def test_rows_of_a_recording_are_arc_inlier_ratios() -> None:
         "match_count_gap_2": 0,
     }
     assert evaluate_matching(run.keypoints, matches, replace(run.sequence, groundtruth=None), None) == ()
+    assert run.sequence.groundtruth is not None
+    half = Trajectory(np.arange(2.0), run.sequence.groundtruth.world_from_vehicle[:2])
+    with_half = replace(run.sequence, groundtruth=half)
+    rows = evaluate_matching(run.keypoints, [*matches, matches_of(same(9), 2, 3)], with_half, None)
+    assert [row.value for row in rows] == [16, 12 / 16], "frames 2 and 3 have no true pose"
     assert evaluate_matching([], [], run.sequence, None) == ()
+
+
+def test_bearings_on_either_side_of_half_a_turn_agree() -> None:
+    """A sonar that sees behind itself measures pi - 0.005 rad where the truth is -pi + 0.005 rad."""
+    truth = TruePositions(np.full(1, 3.0), np.full(1, 0.005 - np.pi), np.ones(1, dtype=bool))
+    quality = evaluate_pair(truth, keypoints_at(np.full(1, 3.0), np.full(1, np.pi - 0.005)), matches_of(same(1)))
+    assert (quality.precision, quality.recall) == (1.0, 1.0)
+    np.testing.assert_allclose(quality.bearing_error_rad, -0.01, atol=1e-12)

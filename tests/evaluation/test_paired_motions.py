@@ -58,3 +58,31 @@ def test_a_sharp_turn_of_the_path_is_no_jump_and_a_turned_marker_is(turns: bool)
         xyz_m[20:] = xyz_m[19] + np.stack([np.cos(1.5) * along_m, np.sin(1.5) * along_m, 0 * along_m], axis=1)
     found = np.flatnonzero(jumping_steps(make_motions(heading, xyz_m))).tolist()
     assert found == ([] if turns else [19])
+
+
+@pytest.mark.parametrize(("moved_m", "turned_deg", "expected"), [(0.03, 3, False), (0.07, 0, True), (0.0, 7, True)])
+def test_motions_within_the_noise_of_trackers_contradict_nothing(
+    moved_m: float, turned_deg: float, expected: bool
+) -> None:
+    """The estimate rests and states no noise of its own."""
+    still = np.zeros((COUNT, 3))
+    after = np.arange(COUNT) >= 20
+    moved = make_motions(np.deg2rad(turned_deg) * after, still + moved_m * after[:, None] * [1.0, 0.0, 0.0])
+    resting = replace(moved, estimate=make_pose(still, Rotation.identity(COUNT)))
+    assert resting.contradict(19, 20, np.zeros(2)) == expected
+
+
+@pytest.mark.parametrize(("moved_m", "expected"), [(1.9, False), (2.2, True)])
+def test_the_reference_contradicts_an_estimate_of_half_its_motion(moved_m: float, expected: bool) -> None:
+    along = np.where(np.arange(COUNT) >= 20, 1.0, 0.0)[:, None] * [1.0, 0.0, 0.0]
+    moved = make_motions(xyz_m=moved_m * along)
+    halved = replace(moved, estimate=make_pose(along, Rotation.identity(COUNT)))
+    assert halved.contradict(19, 20, np.zeros(2)) == expected
+
+
+@pytest.mark.parametrize(("step_m", "expected"), [(0.3, []), (0.5, [20])])
+def test_a_jump_is_four_times_as_long_as_the_even_steps_around_it(step_m: float, expected: list[int]) -> None:
+    """It differs from them by three times their length; the estimate goes on as before."""
+    steps_m = np.where(np.arange(COUNT - 1) == 20, step_m, 0.1)
+    moved = make_motions(xyz_m=np.append(0.0, np.cumsum(steps_m))[:, None] * [1.0, 0.0, 0.0])
+    assert np.flatnonzero(jumping_steps(moved)).tolist() == expected

@@ -217,3 +217,12 @@ def test_short_paths_have_no_pairs() -> None:
         assert [len(array) for array in pairs] == [0, 0]
     static = np.tile(np.eye(4), (4, 1, 1))
     assert len(pairs_by_distance(static, 0.0)[0]) == 0
+
+
+@pytest.mark.parametrize("step_m", [0.1, 0.3, 0.7])
+def test_rounding_of_an_even_path_lengthens_no_segment(step_m: float) -> None:
+    path = np.tile(np.eye(4), (60, 1, 1))
+    path[:, 0, 3] = 1000.0 + step_m * np.arange(60)
+    first, last = pairs_by_distance(path, 3 * step_m)
+    np.testing.assert_array_equal(last - first, 3)
+    assert len(first) == 57

@@ -72,15 +72,18 @@ def test_tracks_where_nothing_echoes_have_no_point() -> None:
     assert measure_noise(world.tracks, found) is None
 
 
-def test_planted_noise_is_measured() -> None:
+@pytest.mark.parametrize(("views", "scale"), [(2, 0.3), (FRAMES, 1.0)])
+def test_planted_noise_is_measured_with_few_views_and_many(views: int, scale: float) -> None:
+    """The small noise keeps every observation near the only pixel in which its point echoes."""
     estimates = []
     for seed in range(10):
         world = _World(seed)
-        tracks = world.observe(SIGMA, seed)
+        tracks = world.observe(scale * SIGMA, seed)
+        tracks = tracks.select(tracks.frame < views)
         noise = measure_noise(tracks, find_true_points(tracks, SONAR, world.sonar_from_world, world.read_truth))
         assert noise is not None
         estimates.append(noise)
-    np.testing.assert_allclose(np.sqrt(np.mean(np.square(estimates), axis=0)), SIGMA, rtol=0.1)
+    np.testing.assert_allclose(np.sqrt(np.mean(np.square(estimates), axis=0)), scale * SIGMA, rtol=0.1)
 
 
 def test_no_tracks_have_no_points() -> None:
@@ -102,3 +105,31 @@ def test_the_truth_is_read_only_of_frames_with_observations(frame: int) -> None:
 
     find_true_points(tracks, SONAR, world.sonar_from_world, read_truth)
     assert read == [frame]
+
+
+def test_the_point_is_that_of_the_most_observations_and_not_of_a_compromise() -> None:
+    """Three observations agree; one at 0.45 m and two at 0.9 m are closer to each other than to these."""
+    world = _World()
+    offset_m = np.tile([0.0, 0.0, 0.0, 0.45, 0.9, 0.9], POINTS)
+    tracks = Tracks(world.tracks.track, world.tracks.frame, world.range_m + offset_m, world.bearing_rad)
+
+    def read_truth(index: int) -> FrameTruth:
+        truth = world.read_truth(index)
+        return FrameTruth(np.nan_to_num(truth.elevation_rad), truth.clean)
+
+    found = find_true_points(tracks, SONAR, world.sonar_from_world, read_truth)
+    np.testing.assert_array_equal(found.inlier, offset_m == 0)
+    np.testing.assert_allclose(found.xyz_m, world.xyz_m, atol=1e-9)
+
+
+def test_an_observation_with_another_elevation_does_not_move_the_point() -> None:
+    """Range and bearing agree; in one frame the pixel's strongest echo comes from 0.2 rad higher."""
+    world = _World()
+
+    def read_truth(index: int) -> FrameTruth:
+        truth = world.read_truth(index)
+        return FrameTruth(truth.elevation_rad + (0.2 if index == 2 else 0.0), truth.clean)
+
+    found = find_true_points(world.tracks, SONAR, world.sonar_from_world, read_truth)
+    assert found.known.all() and found.inlier.all()
+    np.testing.assert_allclose(found.xyz_m, world.xyz_m, atol=1e-9)

@@ -9,6 +9,7 @@ from hypothesis.extra import numpy as hnp
 from scipy.spatial.transform import Rotation
 
 from asfm.geometry.poses import (
+    adjoint,
     angle_difference,
     depth_roll_pitch,
     interpolate,
@@ -182,3 +183,10 @@ def test_the_roll_of_a_vehicle_that_rolls_over_does_not_jump() -> None:
     found = depth_roll_pitch(poses)
     np.testing.assert_allclose(found[:, 1] - found[0, 1], roll_rad - roll_rad[0], atol=1e-9)
     np.testing.assert_allclose(found[:, 2], 0.1, atol=1e-9)
+
+
+def test_the_adjoint_is_that_of_gtsam() -> None:
+    rng = np.random.default_rng(5)
+    poses = make_pose(rng.normal(size=(6, 3)), Rotation.random(6, rng)).reshape(2, 3, 4, 4)
+    expected = [[gtsam.Pose3(pose).AdjointMap() for pose in row] for row in poses]
+    np.testing.assert_allclose(adjoint(poses), expected, atol=1e-12)

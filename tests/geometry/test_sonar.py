@@ -182,3 +182,10 @@ def test_arcs_keep_the_leading_axes() -> None:
 def test_field_of_view(range_m: float, bearing_rad: float, elevation_rad: float, seen: bool) -> None:
     xyz_m = back_project(np.array(range_m), np.array(bearing_rad), elevation_rad)
     assert bool(even_sonar().sees(xyz_m)) is seen
+
+
+def test_steps_are_those_of_most_rows_and_columns() -> None:
+    range_m = np.append([0.2, 0.9], 1.0 + 0.02 * np.arange(30))
+    bearing_rad = np.append([-0.9, -0.6], -0.5 + 0.01 * np.arange(40))
+    sonar = SonarModel("uneven", range_m, bearing_rad, 0.3)
+    assert (sonar.range_step_m, sonar.bearing_step_rad) == pytest.approx((0.02, 0.01))

@@ -8,6 +8,7 @@ import pytest
 from asfm.geometry.poses import chain_steps, depth_roll_pitch, heading
 from asfm.geometry.sonar import SonarModel
 from asfm.navigation.attitude_conflict import recompute_steps, resolve_attitude_conflict
+from asfm.navigation.odometry_check import MIN_FRAME_PAIRS
 from asfm.navigation.odometry_hypotheses import PointPairs, planar_inliers
 from asfm.navigation.sensor_constraints import SensorConstraints
 from asfm.types import FloatArray
@@ -69,8 +70,9 @@ def test_wrong_odometry_takes_the_roll_of_navigation_where_the_images_agree(pair
     np.testing.assert_allclose(poses, path, atol=1e-9)
     np.testing.assert_allclose(chain_steps(found.first_pose, found.steps), poses, atol=1e-9)
     assert np.isfinite(found.z_roll_pitch_sigma).all()
-    blind, found = resolve_attitude_conflict(wrong, constrain(wrong), [], SEQUENCE)
-    assert blind is wrong and np.isinf(found.z_roll_pitch_sigma[:, 1]).all()
+    for few in ([], pairs[: MIN_FRAME_PAIRS - 1]):
+        blind, found = resolve_attitude_conflict(wrong, constrain(wrong), few, SEQUENCE)
+        assert blind is wrong and np.isinf(found.z_roll_pitch_sigma[:, 1]).all()
 
 
 def test_only_the_channels_in_conflict_take_the_values_of_navigation(pairs: list[PointPairs]) -> None:

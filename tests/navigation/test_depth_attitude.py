@@ -173,3 +173,9 @@ def test_readings_that_differ_from_odometry_by_its_noise_are_no_outliers() -> No
     odometry = Trajectory(frame_stamps(), make_pose(position, Rotation.identity(COUNT)))
     noisy = replace(sequence, navigation=navigation, noise=precise)
     assert interpolate_depth_attitude(noisy, BackendConfig(), odometry).diagnostics == ()
+
+
+def test_a_frame_at_the_time_of_a_reading_shares_it_with_no_other() -> None:
+    """The readings are twice as rare as the frames, between which they are interpolated."""
+    shared = frames_per_reading(np.arange(0.0, 6.0), np.arange(0.0, 5.1, 0.5))
+    np.testing.assert_allclose(shared, np.where(np.arange(11) % 2 == 0, 1.0, 2.0))

@@ -158,3 +158,12 @@ def test_jumps_stay_unreliable_beside_a_gap() -> None:
     odometry = read(replace(sequence, odometry=cut))
     assert np.flatnonzero(odometry.unreliable).tolist() == [5, *range(19, 31)]
     assert [found.code for found in odometry.diagnostics] == ["odometry-jump", "odometry-gap"]
+
+
+@pytest.mark.parametrize(("typical_m", "once_m", "jumps"), [(0.0, 0.1, 0), (0.0, 0.2, 1), (1.0, 2.5, 0), (1.0, 4.5, 1)])
+def test_a_jump_exceeds_the_noise_and_the_steps_around_it(typical_m: float, once_m: float, jumps: int) -> None:
+    """Eight sigmas of 0.02 m at rest, and three times the other steps in motion, however even they are."""
+    steps = np.repeat(np.eye(4)[None], COUNT - 1, axis=0)
+    steps[:, 0, 3] = typical_m
+    steps[20, 0, 3] = once_m
+    assert read(make_sequence(steps)).unreliable.sum() == jumps

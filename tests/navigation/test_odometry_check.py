@@ -131,3 +131,19 @@ def test_odometry_read_from_a_sequence_passes(pairs: list[PointPairs]) -> None:
     assert odometry is not None
     result = run_test(odometry.world_from_vehicle, pairs)
     assert result is not None and not result.contradicted
+
+
+def test_odometry_beyond_the_noise_is_not_suspected_where_the_images_show_no_better_motion(
+    pairs: list[PointPairs],
+) -> None:
+    """The noise that is stated is a hundredth of the true one, and no planar motion beats the odometry."""
+    sequence, path = make_vehicle_sequence(), make_vehicle_path()
+    sensors = make_constraints(sequence, path, np.full((VEHICLE_FRAMES - 1, 2), 1e-5), measured=True)
+    config = Config.model_validate({"noise": {"range_bins": 0.01, "bearing_beams": 0.01, "min_bearing_deg": 0.003}})
+    sonar_path = path @ VEHICLE_LEVER_ARM
+    alike = [
+        replace(pair, a_from_b=np.linalg.inv(sonar_path[pair.frame_a]) @ sonar_path[pair.frame_b]) for pair in pairs
+    ]
+    for poses, given, suspicious in ((path, alike, False), (mirror_axis(1)(path), pairs, True)):
+        found = compare_odometry_hypotheses(poses, sensors, given, sequence, config)
+        assert found is not None and found.over_expected > 5 and found.suspicious == suspicious

@@ -100,6 +100,16 @@ def test_mirrored_roll_is_no_time_offset() -> None:
     assert estimate_time_offset(path, mirrored, VEHICLE_NOISE) is None
 
 
+def test_a_mirrored_roll_that_half_a_period_explains_too_is_no_time_offset() -> None:
+    """A sine of a period of 14 frames is its own mirror image seven frames later."""
+    roll_rad = 0.2 * np.sin(2 * np.pi * np.arange(VEHICLE_FRAMES) / 14)
+    poses = make_pose(np.zeros((VEHICLE_FRAMES, 3)), Rotation.from_rotvec(np.outer(roll_rad, [1.0, 0.0, 0.0])))
+    readings = read_exactly(poses)
+    mirrored = replace(readings, z_roll_pitch=readings.z_roll_pitch * [1, -1, 1])
+    assert compare(poses[7:], read_exactly(poses[:-7])).mirrored[1]
+    assert estimate_time_offset(poses, mirrored, VEHICLE_NOISE) is None
+
+
 def test_initial_depth_and_attitude_are_aligned_and_position_heading_and_steps_kept() -> None:
     path = make_vehicle_path()
     other = make_pose(np.array([0.0, 0.0, 12.0]), Rotation.from_euler("ZYX", [0.0, 0.2, -0.1])) @ path
@@ -181,3 +191,13 @@ def test_expected_change_of_height_grows_with_the_path(speed_m: float) -> None:
     turn_rad, noise = VEHICLE_NOISE.odometry_rotation_rad * np.sqrt(LAG_FRAMES), VEHICLE_NOISE
     variance = 2 * noise.navigation_z_m**2 + LAG_FRAMES * noise.odometry_translation_m**2
     assert expected_m == pytest.approx(np.sqrt(variance + (turn_rad * speed_m * LAG_FRAMES) ** 2))
+
+
+def test_changes_since_frames_that_were_not_measured_are_not_compared() -> None:
+    """Readings alternate between measured and not over the lag, so that every change has one wrong end."""
+    path = make_vehicle_path()
+    readings, measured = read_exactly(path), np.arange(VEHICLE_FRAMES) // LAG_FRAMES % 2 == 0
+    spoiled = DepthAttitude(readings.z_roll_pitch + 5.0 * ~measured[:, None], readings.sigma.copy())
+    spoiled.sigma[~measured] = np.inf
+    found = compare(path, spoiled)
+    assert not found.difference.any() and not found.contradicts.any()

@@ -9,12 +9,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asfm.backend.initialisation.initial_poses import initialise_from_odometry
+from asfm.backend.initialisation.initial_poses import InitialPoses, initialise_from_odometry
 from asfm.config import BackendConfig, Config
-from asfm.geometry.poses import make_pose
+from asfm.geometry.poses import depth_roll_pitch, make_pose
 from asfm.navigation.frame_navigation import FrameNavigation, read_navigation
-from asfm.navigation.odometry_hypotheses import AS_RECORDED
-from asfm.pipeline.image_faults import MatchedSequence, rematch_suspected, report_image_jumps, reverse_images
+from asfm.navigation.odometry_hypotheses import AS_RECORDED, PointPairs
+from asfm.pipeline.image_faults import (
+    MatchedSequence,
+    _attitude_fits,
+    rematch_suspected,
+    report_image_jumps,
+    reverse_images,
+)
 from asfm.sequence import Sequence
 from asfm.stages import StageClock
 from asfm.types import Frame
@@ -109,6 +115,31 @@ def test_image_and_mask_are_reversed_along_one_axis(sequence: Sequence, axis: An
     np.testing.assert_array_equal(turned.invalid, np.flip(frame.invalid, along))
     assert turned.index == 2 and turned.timestamp_s == frame.timestamp_s
     assert turned.image.flags.c_contiguous
+
+
+def test_attitude_that_differs_by_whole_turns_fits_the_odometry_as_recorded() -> None:
+    path = make_vehicle_path()
+    rolled = path @ make_pose(np.zeros(3), Rotation.from_euler("x", 1.0))
+    readings = depth_roll_pitch(path) + np.array([0.0, 2 * np.pi, 0.0])
+    navigation: Any = SimpleNamespace(depth_attitude=SimpleNamespace(z_roll_pitch=readings))
+    hypotheses = {AS_RECORDED: SimpleNamespace(world_from_vehicle=path)}
+    hypotheses["fault"] = SimpleNamespace(world_from_vehicle=rolled)
+    test: Any = SimpleNamespace(hypotheses=hypotheses, likely_fault="fault")
+    assert _attitude_fits(test, navigation)
+
+
+def test_pairs_across_a_step_that_odometry_does_not_know_test_nothing(sequence: Sequence, stub: Stub) -> None:
+    poses = make_vehicle_path()
+    stub("initialise_from_odometry", InitialPoses(poses, "sensors", np.arange(len(poses) - 1) == 8))  # type: ignore
+    nothing = np.zeros((0, 2))
+    frames = [(7, 8), (8, 9), (7, 9), (6, 10), (9, 10), (6, 8)]
+    stub("collect_point_pairs", [PointPairs(a, b, nothing, nothing, np.eye(4)) for a, b in frames])
+    reduced = stub("planar_inliers", lambda pairs, _: pairs)
+    tested = stub("compare_odometry_hypotheses", None)
+    navigation = read_navigation(sequence, BackendConfig())
+    rematch_suspected(MatchedSequence(sequence, [], []), navigation, Config(), RECORDER, StageClock())
+    for pairs in (reduced[0][0], tested[0][2], tested[0][-1]):
+        assert [(pair.frame_a, pair.frame_b) for pair in pairs] == [(7, 8), (9, 10), (6, 8)]
 
 
 def test_without_odometry_nothing_is_tested(sequence: Sequence, stub: Stub) -> None:

@@ -166,3 +166,29 @@ def test_loops_are_closed_and_judged_with_the_noise_and_lever_arm_of_the_sonar(s
         np.testing.assert_array_equal(call[3], expected @ trip.sequence.vehicle_from_sonar)
         np.testing.assert_array_equal(call[4], difference_sigma(VEHICLE_SONAR, CONFIG.noise))
         assert call[5] == CONFIG.matching.arc_gate
+
+
+def test_a_loop_that_stands_alone_is_not_closed(stub: Stub, trip: Trip) -> None:
+    """It passed every test, and no neighbour is a candidate."""
+    pair = pair_of(3, 28)
+    stub("search_loops", LoopSearch(np.arange(40), {(3, 28): pair}))
+    stub("choose_pairs", [pair])
+    stub("_check_pairs", lambda pairs, *_: [(one, check_of(one)) for one in pairs])
+    stub("KeypointTracks", "keypoint tracks")
+    closed = stub("_close_consistent", lambda loops, *_: ("poses", loops))
+    report = StageReport("loops")
+    found: Any = loop_closure.find_loops(trip.sequence, KEYPOINTS, trip.solution, CONFIG, report)
+    assert closed[0][0] == [] and found.matches == []
+    assert report.counts["rejected for standing alone"] == 1
+
+
+@pytest.mark.parametrize(("short", "kept"), [(0.0, 1), (0.01, 0)])
+def test_half_of_the_matches_of_a_loop_must_agree_with_the_closed_poses(
+    stub: Stub, trip: Trip, short: float, kept: int
+) -> None:
+    stub("close_loops", make_vehicle_path() + 1.0)
+    stub("loop_observations", "observations")
+    stub("arc_inlier_ratio", 0.5 - short)
+    tracked: Any = "keypoint tracks"
+    _, left = loop_closure._close_consistent([matches_of(pair_of(3, 28))], frames_of(trip), trip.solution, tracked)
+    assert len(left) == kept

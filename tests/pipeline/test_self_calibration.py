@@ -45,3 +45,10 @@ def test_lever_arm_is_rotated_and_keeps_its_translation() -> None:
     size_rad = Rotation.from_matrix(lever_arm[:3, :3].T @ found[:3, :3]).magnitude()
     np.testing.assert_allclose(size_rad, np.linalg.norm(turn_rad))
     np.testing.assert_array_equal(keypoints.range_m, RANGE_M)
+
+
+def test_without_observations_nothing_is_estimated() -> None:
+    solution, clock = make_round_trip(0).solution, StageClock()
+    blind = replace(solution, observed=np.zeros_like(solution.observed))
+    config = Config.model_validate({"backend": {"estimate_lever_rotation": True, "estimate_range_bias": True}})
+    assert not estimate_calibration(blind, config, clock).sigma.any() and not clock.reports

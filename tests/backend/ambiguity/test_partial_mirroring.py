@@ -1,6 +1,8 @@
 """Partially mirrored solutions are detected and corrected; others are returned unchanged."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,20 +10,22 @@ from scipy.spatial.transform import Rotation
 
 from asfm.backend.ambiguity.partial_mirroring import (
     MIN_LOG_ODDS,
+    _triangulation_cost,
     compare_fits,
     correct_partial_mirroring,
     find_local_minimum,
     scan_mirror_frames,
 )
 from asfm.backend.ambiguity.reflection import reflect_after
-from asfm.backend.estimation.residual_gate import make_residual_gate
+from asfm.backend.estimation.residual_gate import GUESSED_SLACK, make_residual_gate
 from asfm.backend.estimation.solution import solve_tracks
+from asfm.backend.estimation.triangulation import triangulate_tracks
 from asfm.config_file import load_config
 from asfm.geometry.poses import invert, make_pose, transform
 from asfm.geometry.sonar import SonarModel, project
 from asfm.navigation.sensor_constraints import SensorConstraints
 from asfm.sequence import Sequence
-from asfm.types import FloatArray, Tracks
+from asfm.types import FloatArray, IntArray, Tracks
 from tests.worlds import make_constraints, no_frame
 
 SONAR = SonarModel.evenly_spaced("test", (0.5, 10.0), (-0.7, 0.7), (1500, 256), np.deg2rad(20))
@@ -110,3 +114,78 @@ def test_local_minima_need_significantly_higher_values_on_both_sides() -> None:
     assert find_local_minimum(frames, np.array([0.0, 0.2, 0.4, 0.9, 0.5, 0.2, 0.1])) is None
     assert find_local_minimum(frames[:2], np.array([0.1, 0.0])) is None
     assert find_local_minimum(frames[:0], np.zeros(0)) is None
+
+
+@pytest.mark.parametrize(
+    ("log_odds", "attitude", "taken"), [(-0.1, False, False), (0.1, False, True), (0.1, True, False)]
+)
+def test_another_solution_needs_strong_odds_and_no_attitude(
+    monkeypatch: pytest.MonkeyPatch, log_odds: float, attitude: bool, taken: bool
+) -> None:
+    """A flip is seen at every call, and the odds are below or above those required."""
+    module = "asfm.backend.ambiguity.partial_mirroring"
+    tracks, sequence, sensors, truth = make_case()
+    problem = SimpleNamespace(sensors=with_attitude(sensors) if attitude else sensors)
+    bundle = SimpleNamespace(world_from_vehicle=truth)
+    given: Any = SimpleNamespace(tracks=tracks, bundle=bundle, problem=problem, observed=np.ones(3, dtype=bool))
+    monkeypatch.setattr(f"{module}.scan_mirror_frames", lambda *_: (np.zeros(0), np.zeros(0)))
+    monkeypatch.setattr(f"{module}.find_local_minimum", lambda *_: FLIP)
+    monkeypatch.setattr(f"{module}.solve_tracks", lambda *_: "other")
+    monkeypatch.setattr(f"{module}.compare_fits", lambda *_: MIN_LOG_ODDS + log_odds)
+    assert correct_partial_mirroring(given, sequence, load_config()) == ("other" if taken else given)
+
+
+def test_log_odds_are_those_of_a_plain_loop() -> None:
+    """Truncated squares of the tracks in both solutions, each over 1 + (n - 1) rho, without the slack."""
+    tracks, sequence, sensors, truth = make_case()
+    rng, gate = np.random.default_rng(0), make_residual_gate(tracks, sequence, sensors, load_config())
+    points = triangulate_tracks(tracks, truth @ LEVER_ARM, SONAR, gate.sigma, gate.gate).xyz_m
+    solutions: list[Any] = []
+    for error_m in (0.3, 0.05):
+        in_graph, xyz_m = rng.random(tracks.count) < 0.8, points + rng.normal(0, error_m, points.shape)
+        bundle = SimpleNamespace(world_from_vehicle=truth, xyz_m=xyz_m, in_graph=in_graph)
+        solutions.append(SimpleNamespace(tracks=tracks, bundle=bundle))
+    expected = 0.0
+    for row, (track, frame) in enumerate(zip(tracks.track.tolist(), tracks.frame.tolist(), strict=True)):
+        if not all(solution.bundle.in_graph[track] for solution in solutions):
+            continue
+        weight = 1 / (1 + 0.4 * (np.sum(tracks.track == track) - 1))
+        for sign, solution in zip((1, -1), solutions, strict=True):
+            x, y, z, _ = np.linalg.inv(truth[frame] @ LEVER_ARM) @ [*solution.bundle.xyz_m[track], 1.0]
+            errors = np.array([np.sqrt(x * x + y * y + z * z) - tracks.range_m[row], np.arctan2(y, x)])
+            errors[1] -= tracks.bearing_rad[row]
+            outside = max(abs(np.arctan2(z, np.hypot(x, y))) - gate.gate.half_aperture_rad, 0) / gate.gate.edge_rad
+            square = min(np.sum((errors / gate.sigma[row]) ** 2) + outside**2, gate.gate.truncation**2)
+            expected += sign * weight * square * GUESSED_SLACK**2 / 2
+    assert compare_fits(solutions[0], solutions[1], sequence, gate, 0.4) == pytest.approx(expected)
+    assert expected > 10
+
+
+def test_an_outlier_adds_no_more_than_its_truncated_square_to_the_cost_of_a_frame() -> None:
+    tracks, sequence, sensors, truth = make_case()
+    gate, chosen = make_residual_gate(tracks, sequence, sensors, load_config()), np.arange(20)
+    off_m = np.where(np.arange(len(tracks)) == np.flatnonzero(tracks.track == 7)[3], 1.0, 0.0)
+    right, wrong = (
+        _triangulation_cost(replace(tracks, range_m=tracks.range_m + by), chosen, truth, sequence, gate)
+        for by in (0.0, off_m)
+    )
+    assert 0.9 * gate.gate.truncation**2 < wrong - right < 1.1 * gate.gate.truncation**2
+
+
+def test_a_frame_is_tested_by_the_tracks_that_reach_farthest_to_both_sides(monkeypatch: pytest.MonkeyPatch) -> None:
+    module, tested = "asfm.backend.ambiguity.partial_mirroring", list[IntArray]()
+
+    def cost(_: Tracks, chosen: IntArray, *__: object) -> float:
+        tested.append(chosen)
+        return 1.0
+
+    tracks, sequence, sensors, truth = make_case()
+    monkeypatch.setattr(f"{module}.MAX_TRACKS", 6)
+    monkeypatch.setattr(f"{module}._triangulation_cost", cost)
+    frames, _ = scan_mirror_frames(
+        tracks, truth, sequence, make_residual_gate(tracks, sequence, sensors, load_config())
+    )
+    first, last = tracks.frame_span()
+    for frame, chosen in zip(frames.tolist(), tested[::2], strict=True):
+        reach = np.minimum(frame + 1 - first, last - frame)
+        assert reach[chosen].min() >= np.sort(reach)[-6] and reach[chosen].min() > 0 and len(chosen) == 6

@@ -193,3 +193,19 @@ def test_points_outside_their_beams_are_no_landmarks(
     sequence = Sequence("simulated", SONAR, np.arange(10, dtype=np.float64), no_frame, LEVER_ARM)
     kept = _describe_landmarks(spoiled, sequence, INDEPENDENT).track
     np.testing.assert_array_equal(kept, np.delete(landmarks.track, 3))
+
+
+def test_arcs_are_those_of_the_last_observation_that_was_used() -> None:
+    """The last observation of each track is left out of the solution."""
+    solution, full = _describe(_oscillate(0.4), _points(0))
+    sequence = Sequence("simulated", SONAR, np.arange(10, dtype=np.float64), no_frame, LEVER_ARM)
+    last = np.diff(solution.tracks.track, append=-1) != 0
+    found = _describe_landmarks(replace(solution, observed=solution.observed & ~last), sequence, INDEPENDENT)
+    tracks = solution.tracks
+    for row, track in enumerate(found.track.tolist()):
+        used = np.flatnonzero((tracks.track == track) & solution.observed & ~last)[-1]
+        pose = solution.bundle.world_from_vehicle[tracks.frame[used]] @ LEVER_ARM
+        arc_m = transform(
+            pose, SONAR.elevation_arc(tracks.range_m[used], tracks.bearing_rad[used], full.arc_m.shape[1])
+        )
+        np.testing.assert_allclose(found.arc_m[row], arc_m, atol=1e-9)

@@ -137,3 +137,12 @@ def test_elevations_have_the_smaller_correlation_of_the_two(floor: Tracks) -> No
     others = np.maximum(views - 1, 0)
     np.testing.assert_allclose(found.elevation_information_ratio, (1 + rho * others) / (1 + of_elevation * others))
     assert found.elevation_information_ratio.max() > 2
+
+
+def test_errors_of_the_poses_are_not_taken_for_autocorrelated_features(floor: Tracks) -> None:
+    """The poses are off by centimetres that change slowly, which all features of a frame have in common."""
+    path, along = make_vehicle_path(), np.arange(VEHICLE_FRAMES)
+    error_m = 0.02 * np.stack([np.sin(along / 4), np.cos(along / 5), np.sin(along / 6)], axis=1)
+    slow = make_pose(error_m, Rotation.from_rotvec(0.1 * error_m))
+    right, wrong = (np.median(solve(floor, poses).problem.sigma, axis=0) for poses in (path, path @ slow))
+    np.testing.assert_allclose(wrong, right, rtol=0.15)

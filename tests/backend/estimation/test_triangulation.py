@@ -7,6 +7,8 @@ from scipy.spatial.transform import Rotation
 from asfm.backend.estimation.triangulation import (
     CHUNK_OBSERVATIONS,
     Gate,
+    _Observations,
+    _refine,
     squared_residuals,
     triangulate_tracks,
     whitened_residuals,
@@ -237,3 +239,18 @@ def test_of_a_point_and_its_reflection_the_search_takes_the_one_inside_the_apert
     found = triangulate_tracks(tracks, poses, SONAR, np.tile(0.1 * SIGMA, (len(tracks), 1)), GATE)
     np.testing.assert_allclose(found.xyz_m[0], below, atol=0.01)
     assert found.inlier.all()
+
+
+@pytest.mark.parametrize("elevation_count", [5, 21])
+def test_points_are_at_the_optimum_over_all_their_inliers(elevation_count: int) -> None:
+    """Another step of the refinement hardly moves them, although a coarse grid begins with few of the inliers."""
+    rng = np.random.default_rng(8)
+    poses, xyz_m = _poses(rng), _points(rng, 200)
+    exact = _observe(poses, xyz_m)
+    error = rng.normal(0, SIGMA, (len(exact), 2))
+    tracks = Tracks(exact.track, exact.frame, exact.range_m + error[:, 0], exact.bearing_rad + error[:, 1])
+    sigma, first = np.tile(SIGMA, (len(tracks), 1)), np.flatnonzero(np.diff(tracks.track, prepend=-1))
+    found = triangulate_tracks(tracks, poses, SONAR, sigma, GATE, elevation_count)
+    observations = _Observations(tracks, first, poses, invert(poses)[tracks.frame], sigma, GATE)
+    step_m = np.linalg.norm(_refine(found.xyz_m, observations, found.inlier) - found.xyz_m, axis=1)
+    assert np.quantile(step_m[np.bincount(tracks.track) >= 4], 0.9) < 1e-6

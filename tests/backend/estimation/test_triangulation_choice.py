@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asfm.backend.estimation.triangulation import ELEVATION_PRIOR_SIGMAS, Gate, triangulate_tracks, whitened_residuals
+from asfm.backend.estimation.triangulation import (
+    ELEVATION_PRIOR_SIGMAS,
+    Gate,
+    _Observations,
+    _refine,
+    triangulate_tracks,
+    whitened_residuals,
+)
 from asfm.geometry.poses import invert, make_pose, transform, wrap_angle
 from asfm.geometry.sonar import SonarModel, back_project, project
 from asfm.types import FloatArray, Tracks
@@ -107,3 +114,15 @@ def test_a_track_across_the_cut_behind_the_sonar_gives_the_same_point() -> None:
     assert found[1].inlier.all()
     np.testing.assert_allclose(found[1].xyz_m, found[0].xyz_m, atol=1e-6)
     np.testing.assert_allclose(found[1].xyz_m[0], point_at(-0.6), atol=0.05)
+
+
+@pytest.mark.parametrize(("away_m", "moved_m"), [(0.3, 0.3), (8.0, 1.0)])
+def test_a_step_of_the_refinement_is_at_most_a_fifth_of_the_range(away_m: float, moved_m: float) -> None:
+    """The point lies too far along the beam, in which a full step would bring it back at once."""
+    poses = make_pose(np.array([[0.0, 0.0, 0.0], [0.0, 0.1, 0.0]]), Rotation.from_rotvec([[0, 0, 0], [0.4, 0, 0]]))
+    point, sigma = np.array([[5.0, 0.0, 0.0]]), np.tile([0.01, 0.005], (2, 1))
+    range_m, bearing_rad, _ = project(transform(invert(poses), point))
+    tracks = Tracks(np.zeros(2, dtype=np.int64), np.arange(2), range_m, bearing_rad)
+    observations = _Observations(tracks, np.zeros(1, dtype=np.int64), poses, invert(poses), sigma, Gate(0.2, 0.02))
+    moved = _refine(point + away_m * np.eye(3)[:1], observations, np.ones(2, dtype=bool)) - point
+    np.testing.assert_allclose(moved, [[away_m - moved_m, 0.0, 0.0]], atol=0.04)

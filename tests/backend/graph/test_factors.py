@@ -265,3 +265,13 @@ def test_depth_has_a_huber_kernel_from_three_sigmas_on(sigmas: float) -> None:
     expected = sigmas**2 / 2 if sigmas < 3 else 3 * (sigmas - 1.5)
     factor = depth_factor(POSE, -sigmas * 0.02, 0.02)
     assert factor.error(_values(np.eye(4), np.zeros(3))) == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("unmeasured", [0, 1])
+def test_an_angle_that_is_not_measured_gets_hardly_any_information(unmeasured: int) -> None:
+    sigma = np.where(np.arange(2) == unmeasured, np.inf, 0.01)
+    values = gtsam.Values()
+    values.insert(POSE, gtsam.Pose3(make_pose(np.zeros(3), Rotation.from_euler("z", 0.7))))
+    information = attitude_factor(POSE, np.zeros(2), sigma, 0.7).linearize(values).information()
+    assert information[1 - unmeasured, 1 - unmeasured] == pytest.approx(1e4, rel=1e-3)
+    assert 0 < information[unmeasured, unmeasured] < 1e-3

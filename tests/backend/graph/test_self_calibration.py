@@ -1,6 +1,8 @@
 """Self-calibration recovers a rotated mounting and a range bias, and changes nothing that is not selected."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -88,3 +90,36 @@ def test_a_sonar_at_rest_keeps_the_mounting_with_the_sigma_of_the_prior() -> Non
     found = calibrate(replace(problem, sensors=sensors, tracks=tracks), still, xyz_m, config)
     assert np.isfinite(found.sigma).all() and np.abs(found.rotation_rad).max() < 0.02
     assert found.sigma[0] > 0.05, "the data add nothing to the prior"
+
+
+def calibrate_bias(monkeypatch: pytest.MonkeyPatch, cost: Callable[[float], float]) -> tuple[float, float]:
+    """Return the range bias and its sigma where the cost of the adjusted bundle is a known function of the bias."""
+    problem, poses, xyz_m = make_problem()
+
+    def adjust(corrected: BundleProblem, *_: object) -> SimpleNamespace:
+        bias_m = float(np.mean(problem.tracks.range_m - corrected.tracks.range_m))
+        return SimpleNamespace(values=None, graph=SimpleNamespace(error=lambda _: cost(bias_m)))
+
+    monkeypatch.setattr("asfm.backend.graph.self_calibration.adjust_bundle", adjust)
+    found = calibrate(problem, poses, xyz_m, BackendConfig(estimate_range_bias=True))
+    return found.range_bias_m, float(found.sigma[3])
+
+
+@pytest.mark.parametrize("information", [25.0, 400.0])
+def test_estimate_and_sigma_are_those_of_a_gaussian_prior_and_likelihood(
+    monkeypatch: pytest.MonkeyPatch, information: float
+) -> None:
+    """The prior has a sigma of 0.2 m, and so an information of 25."""
+    bias_m, sigma_m = calibrate_bias(monkeypatch, lambda bias_m: 0.5 * information * (bias_m - 0.06) ** 2)
+    assert bias_m == pytest.approx(0.06 * information / (information + 25), abs=1e-6)
+    assert sigma_m == pytest.approx((information + 25) ** -0.5, rel=1e-6)
+
+
+def test_steps_stay_near_the_probes_and_those_that_raise_the_cost_are_not_made(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Two steps of three probes of 0.03 m each; beyond a wall the parabola is wrong."""
+    far_m, _ = calibrate_bias(monkeypatch, lambda bias_m: 1e6 * (bias_m - 0.5) ** 2)
+    assert far_m == pytest.approx(0.18)
+    walled_m, _ = calibrate_bias(monkeypatch, lambda bias_m: 1e4 * (bias_m - 0.08) ** 2 + 1e9 * (bias_m > 0.05))
+    assert walled_m == 0.0

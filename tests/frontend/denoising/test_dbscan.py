@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from sklearn.cluster import DBSCAN
 
@@ -33,6 +33,7 @@ def dbscan(mask: BoolArray, config: DbscanConfig) -> IntArray:
     min_pixels=st.integers(1, 14),
     seed=st.integers(0, 9),
 )
+@example(shape=(30, 30), share=0.3, radius_px=1.2, min_pixels=2, seed=0)
 def test_labels_of_random_masks_are_those_of_scikit_learn(
     shape: tuple[int, int], share: float, radius_px: float, min_pixels: int, seed: int
 ) -> None:

@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import binary_dilation
 
 from asfm.config import Config
 from asfm.evaluation.denoising.metrics import measure_psnr
-from asfm.frontend.denoising.image_denoiser import _correct_saturation, denoise_image, mask_image
+from asfm.frontend.denoising.dbscan import dbscan_mask
+from asfm.frontend.denoising.image_denoiser import _correct_saturation, _echo_threshold, denoise_image, mask_image
+from asfm.frontend.denoising.noise_model import ImageNoise, estimate_noise, smooth_echoes
 from asfm.types import BoolArray, FloatArray, Frame, ImageArray
 
 SHAPE = (300, 160)
@@ -61,6 +64,45 @@ def test_denoised_images_are_closer_to_the_truth_than_raw_and_masked_ones(seed: 
     assert denoised[60:70, 110:130].mean() > 0.5 > 0.1 > denoised[60:70, 30:50].mean(), "mirrored, it would be the echo"
 
 
+def test_bright_speckle_keeps_its_mean() -> None:
+    """The brightest pixels of an echo of 0.7 saturate, which alone would lower its mean to 0.675."""
+    clean = np.zeros(SHAPE, dtype=np.float32)
+    clean[120:240, 10:140] = 0.7
+    image = add_noise(clean, 9)
+    assert (image == 1).mean() > 0.02
+    assert denoise(image)[140:220, 30:120].mean() == pytest.approx(0.7, abs=0.012)
+
+
+@pytest.mark.parametrize("contrast", [0.1, 0.52, 2.0])
+def test_echoes_exceed_the_smoothed_background_by_its_noise_and_by_a_half(contrast: float) -> None:
+    floor = np.full((SHAPE[0], 1), 0.04, dtype=np.float32)
+    noise = ImageNoise(floor, (contrast * floor) ** 2, 0.0, 0.0)
+    white = np.random.default_rng(0).normal(0.0, contrast * 0.04, (800, 800)).astype(np.float32)
+    expected = max(0.04 + 5 * float(smooth_echoes(white).std()), 1.5 * 0.04)
+    np.testing.assert_allclose(_echo_threshold(noise), expected, rtol=0.02)
+
+
+def test_detections_of_cfar_are_kept_however_weak(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half of the pixels of empty water are above its mean."""
+    image, detected = add_noise(np.zeros(SHAPE, dtype=np.float32), 3), np.zeros(SHAPE, dtype=bool)
+    before = denoise(image)
+    detected[100:140, 40:90] = True
+    monkeypatch.setattr("asfm.frontend.denoising.image_denoiser.detect_echo_mask", lambda *_: detected)
+    after = denoise(image)
+    assert (before[detected] > 0).mean() < 0.05 < 0.2 < (after[detected] > 0).mean()
+    assert (after[~detected] > 0).mean() < 0.05
+
+
+def test_echoes_keep_the_pixels_beside_those_above_the_threshold(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of them that are brighter than the background, which is subtracted."""
+    image = add_noise(draw_scene(), 4)
+    monkeypatch.setattr("asfm.frontend.denoising.image_denoiser.detect_echo_mask", lambda *_: ~VALID)
+    above = smooth_echoes(image) > _echo_threshold(estimate_noise(image, VALID))
+    above = dbscan_mask(np.asarray(above), Config().clusters)
+    grown, found = binary_dilation(above, np.ones((3, 3))), denoise(image) > 0
+    assert found[grown & ~above].mean() > 0.2 and not found[~grown].any()
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_empty_water_becomes_dark(seed: int) -> None:
     denoised = denoise(add_noise(np.zeros(SHAPE, dtype=np.float32), seed))
@@ -82,6 +124,14 @@ def test_invalid_pixels_are_zero_and_have_no_effect_far_away() -> None:
     away[110:230, 30:105] = False
     np.testing.assert_allclose(denoised[away], denoise(image)[away], atol=0.05)
     assert not denoise(image, ~invalid | invalid).any()
+
+
+@pytest.mark.parametrize("seed", [5, 6])
+def test_an_echo_is_as_bright_beside_invalid_pixels_as_without_them(seed: int) -> None:
+    image, invalid, beside = add_noise(draw_scene(), seed), ~VALID, ~VALID
+    invalid[150:200, 40:75] = beside[148:202, 38:77] = True
+    beside &= ~invalid
+    assert denoise(image, invalid)[beside].mean() == pytest.approx(denoise(image)[beside].mean(), rel=0.03)
 
 
 def test_non_finite_pixels_are_invalid() -> None:

@@ -113,3 +113,16 @@ def test_smoothing_is_a_gaussian_filter() -> None:
     image = np.random.default_rng(3).random(SHAPE).astype(np.float32)
     expected = gaussian_filter(image, ECHO_SIGMA_PX, mode="mirror", truncate=4)
     np.testing.assert_allclose(smooth_echoes(image), expected, atol=0.01)
+
+
+def test_rows_that_the_sonar_blanks_do_not_bound_the_floor() -> None:
+    """The nearest rows hold next to nothing, from which noise could not grow to that of the others."""
+    sigma = np.where(np.arange(300)[:, None] < (BLANKED_BANDS - 0.5) * 300 / BANDS, 1e-6, 0.04)
+    floor = estimate_floor(add_noise(np.zeros(SHAPE, dtype=np.float32), 1, sigma), VALID)
+    np.testing.assert_allclose(floor[40:], RAYLEIGH_MEAN * 0.04, rtol=0.15)
+
+
+def test_texture_without_speckle_has_no_contrast() -> None:
+    """Waves of a quarter of the mean, twelve rows long."""
+    waves = np.repeat(0.4 + 0.1 * np.sin(np.arange(300)[:, None] / 2), 160, axis=1).astype(np.float32)
+    assert estimate_noise(waves, VALID).contrast == 0

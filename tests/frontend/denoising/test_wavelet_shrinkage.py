@@ -13,6 +13,7 @@ from asfm.frontend.denoising.wavelet_shrinkage import (
     _band_noise_gains,
     _decompose,
     _filter_variance,
+    _noise_variance,
     _shrink_bands,
     shrink_noise,
 )
@@ -134,3 +135,9 @@ def test_the_image_is_not_modified() -> None:
     before = image.copy()
     shrink_noise(image, image, noise_of(0.1, 0.01, 0.3))
     np.testing.assert_array_equal(image, before)
+
+
+def test_pixels_darker_than_the_background_hold_no_speckle() -> None:
+    echoes = np.tile(np.array([-0.2, 0.0, 0.3], dtype=np.float32), (4, 1))
+    variance = _noise_variance(echoes, noise_of(variance=0.01, contrast=0.5, rows=4))
+    np.testing.assert_allclose(variance, np.tile([0.01, 0.01, 0.01 + 0.15**2], (4, 1)), rtol=1e-6)

@@ -10,6 +10,7 @@ from asfm.frontend.denoising.cfar import detect_cfar
 from asfm.frontend.denoising.weibull import (
     RAYLEIGH_SHAPE,
     SHAPE_LIMITS,
+    _squared_tile_contrast,
     estimate_weibull_shape,
     transform_to_exponential,
 )
@@ -58,6 +59,16 @@ def test_transformed_noise_is_exponential(shape: float) -> None:
     mean = power[usable].mean()
     for level in (0.5, 1.0, 3.0):
         assert (power[usable] > level * mean).mean() == pytest.approx(np.exp(-level), rel=0.03)
+
+
+@pytest.mark.parametrize("usable_share", [0.3, 1.0])
+def test_the_contrast_of_tiles_has_no_bias_from_few_pixels(usable_share: float) -> None:
+    """Tiles of 16 x 16 pixels of which some are usable, against the contrast of the Rayleigh distribution."""
+    rng = np.random.default_rng(6)
+    image = rng.rayleigh(1.0, (1600, 1600)).astype(np.float32)
+    usable = rng.random(image.shape) < usable_share
+    found = _squared_tile_contrast(np.where(usable, image, np.float32(0)), usable)
+    assert found.mean() == pytest.approx(4 / np.pi - 1, rel=0.006)
 
 
 @pytest.mark.parametrize("sigma", [4, 8, 40])

@@ -57,3 +57,13 @@ def test_constant_images_stay_constant(image: ImageArray) -> None:
     normalised = normalise_intensity(image.astype(np.float32), NO_SMOOTHING)
     expected = 0.0 if image.max() <= 0 else KNEE + 0.5 * (1 - KNEE)  # 1 before compression
     np.testing.assert_allclose(normalised, np.full(image.shape, expected), rtol=1e-6)
+
+
+@pytest.mark.parametrize("gain", [1e-3, 50.0])
+def test_the_gain_of_an_image_with_a_single_echo_does_not_matter(gain: float) -> None:
+    """Fewer pixels than those above the quantile are not zero."""
+    image = np.zeros((100, 80), dtype=np.float32)
+    image[40:44, 30:34] = [0.2, 0.5, 1.0, 0.7]
+    plain, changed = (normalise_intensity(np.float32(by) * image, KeypointsConfig()) for by in (1.0, gain))
+    np.testing.assert_allclose(changed, plain, rtol=1e-5)
+    assert 0.2 < plain.max() <= 1

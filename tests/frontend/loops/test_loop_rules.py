@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from asfm.frontend.loops.keypoint_tracks import KeypointTracks
-from asfm.frontend.loops.loop_verification import SUPPORTED_SHARE, arc_inlier_ratio, verify_loop
+from asfm.frontend.loops.loop_verification import (
+    SUPPORTED_SHARE,
+    _count_tried,
+    _Pair,
+    _reject_inconsistent,
+    arc_inlier_ratio,
+    verify_loop,
+)
 from asfm.frontend.matching.pair_matching import match_pairs
 from asfm.geometry.poses import invert
 from asfm.navigation.pose_prediction import PosePrediction
@@ -88,3 +95,21 @@ def test_the_gate_of_arc_inliers_is_the_one_given() -> None:
         for gate in (3.0, 5.1)
     ]
     assert within[0] < 0.5 and within[1] == 1.0
+
+
+def test_motions_are_searched_among_all_matches_that_passed_the_descriptors() -> None:
+    matches = Matches(0, 1, np.zeros((23, 2), dtype=np.int64), np.zeros(23))
+    for count, name in ((7, "mutual"), (5, "planar"), (4, "ratio"), (3, "ssl")):
+        matches = matches.reject(np.arange(len(matches)) < count, name)
+    assert _count_tried(matches) == len(matches) + 5 + 3
+
+
+def test_lengths_reject_what_an_uncertain_prediction_passes() -> None:
+    """Every arc is within the gate; the wrong matches lie at distances from the others that the scene does not have."""
+    pair = make_frame_pair(count=60, wrong=12)
+    assert pair.arcs is not None
+    matches = Matches(0, 1, pair.index, np.zeros(60))
+    frames = _Pair(pair.keypoints_a, pair.keypoints_b, MATCHING_SONAR, CONFIG)
+    left = _reject_inconsistent(matches, frames, pair.arcs, np.full((60, 2), 1e3))
+    assert set(range(12, 60)) <= set(left.index[:, 0].tolist())
+    assert left.count_rejected() == {"arc": 0, "length": 60 - len(left)} and len(left) < 55

@@ -153,6 +153,20 @@ def test_two_equal_piles_observed_apart_in_one_frame_are_rejected(seed: int) -> 
     assert tracked.reason == "conflicts"
 
 
+@pytest.mark.parametrize("bare", [0, 1])
+def test_the_frame_that_is_covered_less_decides(bare: int) -> None:
+    """A pile and marks at the edges of the view match; one frame shows other ground between them, one bare ground."""
+    rng = np.random.default_rng(0)
+    pile, marks = rng.uniform([4.6, -0.4, -0.2], [5.4, 0.4, 0.2], (70, 3)), [[2.0, 1.2, 0.0], [2.0, -1.2, 0.0]]
+    far = np.repeat([[8.0, 4.8, 0.0], [8.0, -4.8, 0.0], *marks], 3, axis=0) + rng.normal(0, 0.1, (12, 3))
+    common, ground = np.concatenate([pile, far]), rng.uniform([2, -5, -0.3], [8, 5, 0.3], (400, 3))
+    scenes = [Scene(common, np.arange(82)), Scene(np.concatenate([common, ground]), np.arange(482))]
+    frames = scenes if bare == 0 else scenes[::-1]
+    observations = [observe(scene, pose_at(0.0), rng, clutter=0) for scene in frames]
+    check, _ = verify(observations, np.stack([pose_at(0.0), pose_at(0.0)]), 0.3, 0.02)
+    assert check.reason == "coverage"
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_equal_objects_on_different_ground_are_rejected(seed: int) -> None:
     """The piles match, and nothing around them does."""

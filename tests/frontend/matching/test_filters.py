@@ -1,5 +1,6 @@
 """Outlier filters alone: each rejects wrong matches and keeps correct ones, on a frame pair with known outliers."""
 
+from dataclasses import replace
 from typing import get_args
 
 import numpy as np
@@ -10,8 +11,10 @@ from asfm.config_file import load_config
 from asfm.errors import AsfmError
 from asfm.frontend.matching.filters import FILTERS
 from asfm.frontend.matching.frame_pair import FramePair
+from asfm.geometry.feature_noise import feature_sigma
+from asfm.geometry.sonar import SonarModel
 from asfm.types import FloatArray
-from tests.worlds import MATCHING_SONAR, make_frame_pair
+from tests.worlds import MATCHING_SONAR, make_frame_pair, make_keypoints, observe_points, random_points
 
 COUNT, WRONG = 60, 12
 
@@ -51,6 +54,29 @@ def test_arc_filter_passes_all_without_a_prediction() -> None:
     ((passes, _),) = FILTERS["arc"](
         [FramePair(full.keypoints_a, full.keypoints_b, full.nearest, MATCHING_SONAR)], Config()
     )
+    assert passes.all()
+
+
+@pytest.mark.parametrize(("sigmas", "passed"), [(0.95, True), (1.05, False)])
+def test_arc_filter_passes_matches_up_to_the_gate(sigmas: float, passed: bool) -> None:
+    """All points lie that share of the gate beyond the farthest point of their arc."""
+    config, pair = Config(), make_frame_pair(wrong=0)
+    assert pair.arcs is not None and pair.sigma is not None
+    farthest_m = pair.arcs[..., 0].max(axis=1) + sigmas * config.matching.arc_gate * pair.sigma[:, 0]
+    bearing_rad = pair.arcs[np.arange(COUNT), pair.arcs[..., 0].argmax(axis=1), 1]
+    beyond = replace(pair, keypoints_b=make_keypoints(farthest_m, bearing_rad))
+    ((passes, _),) = FILTERS["arc"]([beyond], config)
+    assert passes.mean() > 0.95 if passed else not passes.any()
+
+
+def test_clique_filter_allows_for_the_noise_of_keypoints_where_elevations_explain_nothing() -> None:
+    """Points in the plane of a sonar of hardly any aperture, moved by one standard deviation along the range."""
+    rng, config, pair = np.random.default_rng(0), Config(), make_frame_pair(wrong=0)
+    flat = SonarModel.evenly_spaced("flat", (0.5, 10.0), (-0.7, 0.7), (600, 256), 1e-4)
+    points, sigma_m = random_points(rng, COUNT, (2, 8), 0.6, 0.0), feature_sigma(flat, config.noise)[0]
+    a, b = observe_points(points), observe_points(points)
+    moved = replace(b, range_m=b.range_m + rng.choice([-sigma_m, sigma_m], COUNT))
+    ((passes, _),) = FILTERS["clique"]([replace(pair, keypoints_a=a, keypoints_b=moved, sonar=flat)], config)
     assert passes.all()
 
 

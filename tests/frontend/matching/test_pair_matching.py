@@ -187,6 +187,20 @@ def test_a_few_matches_do_not_contradict_a_prediction(monkeypatch: pytest.Monkey
     assert len(match_frames(0, 1, two_views(2, group_size=1), GUIDED, predict(ELSEWHERE))) == kept
 
 
+@pytest.mark.parametrize(("more", "replaced"), [(0, False), (1, True)])
+def test_twice_as_many_matches_and_some_more_contradict_a_prediction(
+    monkeypatch: pytest.MonkeyPatch, more: int, replaced: bool
+) -> None:
+    keypoints = two_views(1, group_size=1)
+    guided = len(match_frames(0, 1, keypoints, GUIDED, predict(B_FROM_A)))
+    count = 2 * guided + MIN_GAIN + more
+    many = Matches(0, 1, np.zeros((count, 2), dtype=np.int64), np.zeros(count))
+    monkeypatch.setattr("asfm.frontend.matching.pair_matching.MIN_MATCHED_SHARE", 2.0)
+    monkeypatch.setattr("asfm.frontend.matching.pair_matching._match_unguided", lambda *_: [many])
+    assert guided > MIN_GAIN
+    assert (match_frames(0, 1, keypoints, GUIDED, predict(B_FROM_A)) is many) == replaced
+
+
 def test_a_frame_of_many_keypoints_does_not_make_the_matches_of_a_poorer_one_too_few(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -37,6 +37,17 @@ def test_all_pairs_of_the_cheapest_matches_are_tried() -> None:
     assert {frozenset(pair) for pair in pairs.tolist()} == {frozenset(pair) for pair in ([1, 3], [1, 0], [3, 0])}
 
 
+def test_a_few_cheap_matches_outweigh_many_wrong_ones() -> None:
+    """Three in four matches are wrong, at random; the cost tells which ones, their order does not."""
+    rng = np.random.default_rng(7)
+    true_motion, xy_a, xy_b = moved_points(rng, 80)
+    wrong = np.arange(80) < 60
+    xy_a[wrong] = rng.uniform([2, -3], [8, 3], (60, 2))
+    motion, outlier = find_planar_outliers(xy_a, xy_b, np.full(80, 0.05), np.where(wrong, 0.9, 0.5))
+    assert not outlier[~wrong].any() and outlier[wrong].mean() > 0.9
+    np.testing.assert_allclose(motion, true_motion, atol=0.03)
+
+
 def test_result_is_deterministic() -> None:
     rng = np.random.default_rng(3)
     _, xy_a, xy_b = moved_points(rng, 30)
