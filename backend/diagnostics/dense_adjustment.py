@@ -7,9 +7,8 @@ solved again in milliseconds an iteration, so that many hypotheses can be compar
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg import LinAlgError
 from scipy.sparse import csr_array
-from scipy.spatial.transform import Rotation
 
 from asfm.backend.diagnostics.linearised_residuals import (
     ResidualBlock,
@@ -19,6 +18,7 @@ from asfm.backend.diagnostics.linearised_residuals import (
 )
 from asfm.backend.estimation.solution import Solution
 from asfm.backend.graph.factors import CAUCHY_SIGMAS, HUBER_SIGMAS
+from asfm.backend.graph.normal_equations import NormalEquations, move_poses
 from asfm.geometry.poses import invert, transform
 from asfm.geometry.sonar import project, project_jacobian
 from asfm.types import FloatArray, IntArray
@@ -87,25 +87,13 @@ def adjust_densely(solution: Solution, timestamps_s: FloatArray, hopeless_cost: 
     return DenseFit(cost, solution.bundle.world_from_vehicle, solution.bundle.xyz_m)
 
 
-@dataclass(frozen=True)
-class _NormalEquations:
-    gradient: FloatArray
-    """(6 N + 3 T,) of poses, then points."""
-    poses: FloatArray
-    """(6 N, 6 N)"""
-    mixed: FloatArray
-    """(6 N, 3 T)"""
-    points: FloatArray
-    """(T, 3, 3)"""
-
-
 def _linearise_all(solution: Solution, timestamps_s: FloatArray) -> tuple[ResidualBlock, ...]:
     sonar = linearise_sonar(solution)
     steps, readings = linearise_odometry(solution, timestamps_s), linearise_depth_attitude(solution, timestamps_s)
     return sonar, _linearise_aperture(solution, sonar), steps, readings
 
 
-def _normal_equations(blocks: tuple[ResidualBlock, ...], frames: int, tracks: int) -> _NormalEquations:
+def _normal_equations(blocks: tuple[ResidualBlock, ...], frames: int, tracks: int) -> NormalEquations:
     sonar, aperture, *others = blocks
     assert sonar.track is not None and sonar.by_point is not None and aperture.by_point is not None
     by_pose = np.concatenate([sonar.by_pose[0][1], aperture.by_pose[0][1]], axis=1)
@@ -125,7 +113,7 @@ def _normal_equations(blocks: tuple[ResidualBlock, ...], frames: int, tracks: in
             gradient[frame] += (weighted @ block.residual[:, :, None])[:, :, 0]
             for other, second in block.by_pose:
                 poses[frame, other] += weighted @ second
-    return _NormalEquations(
+    return NormalEquations(
         gradient=np.concatenate([gradient.ravel(), (of_track @ (point_weighted @ residual)[:, :, 0]).ravel()]),
         poses=poses.swapaxes(1, 2).reshape(6 * frames, 6 * frames),
         mixed=mixed.swapaxes(1, 2).reshape(6 * frames, 3 * tracks),
@@ -172,26 +160,13 @@ def _robust_cost(block: ResidualBlock) -> float:
     return float((size**2).sum() / 2)
 
 
-def _step(solution: Solution, system: _NormalEquations, damping: float) -> Solution:
+def _step(solution: Solution, system: NormalEquations, damping: float) -> Solution:
     """Solve the damped normal equations, points eliminated, and move poses and points.
 
     Raises:
         LinAlgError: the damped equations are singular.
     """
-    count = len(system.poses)
-    diagonal = np.einsum("tii->ti", system.points)
-    damped = system.points + damping * np.eye(3) * (diagonal + 1e-3)[:, None]
-    inverse = np.linalg.inv(damped)
-    by_track = system.mixed.reshape(count, -1, 3).swapaxes(0, 1)
-    gain = (by_track @ inverse).swapaxes(0, 1).reshape(count, -1)
-    reduced = system.poses - gain @ system.mixed.T
-    reduced[np.diag_indices(count)] += damping * (np.diag(system.poses) + 1e-3)
-    by_pose, by_point = system.gradient[:count], system.gradient[count:]
-    motion = -cho_solve(cho_factor(reduced), by_pose - gain @ by_point)
-    shift_m = -np.einsum("tij,tj->ti", inverse, (by_point + system.mixed.T @ motion).reshape(-1, 3))
-    motion = motion.reshape(-1, 6)
-    poses = solution.bundle.world_from_vehicle.copy()
-    poses[:, :3, 3] += np.einsum("nij,nj->ni", poses[:, :3, :3], motion[:, 3:])
-    poses[:, :3, :3] = poses[:, :3, :3] @ Rotation.from_rotvec(motion[:, :3]).as_matrix()
+    motion, shift_m = system.solve(damping)
+    poses = move_poses(solution.bundle.world_from_vehicle, motion)
     points = solution.bundle.xyz_m + shift_m
     return replace(solution, bundle=replace(solution.bundle, world_from_vehicle=poses, xyz_m=points))

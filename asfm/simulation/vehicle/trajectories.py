@@ -154,6 +154,29 @@ def planar(view: View, times_s: FloatArray, rng: np.random.Generator) -> FloatAr
     return look_at(view, _move_target(view, sway_m[:, 0] + ahead_m, sway_m[:, 1]), view.heading_rad + yaw_rad)
 
 
+def random_walk(view: View, times_s: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Move forward at 0.12 m/s and wander in all six axes, with roll and pitch of 10 degrees rms: (N, 4, 4) poses.
+
+    Each axis is an independent Gaussian process with a correlation time of two to four seconds, so that no axis repeats
+    itself and roll and pitch are as large as yaw.
+    """
+    from scipy.spatial.transform import Rotation
+
+    size = np.concatenate([np.array([0.03, 0.08, 0.03]) * view.distance_m, np.deg2rad([10.0, 10.0, 10.0])])
+    ahead_m = 0.12 * (times_s - times_s.mean())
+    offset = np.stack([_gaussian_process(times_s, rng) for _ in size], axis=1) * size
+    poses = look_at(view, _move_target(view, ahead_m, 0 * ahead_m), view.heading_rad)
+    return poses @ make_pose(offset[:, :3], Rotation.from_euler("ZYX", offset[:, :2:-1]))
+
+
+def _gaussian_process(times_s: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Draw (N,) values of unit variance with a squared-exponential correlation over two to four seconds."""
+    correlation_s, knots_per_correlation = rng.uniform(2.0, 4.0), 4
+    knot_s = np.arange(-4 * correlation_s, times_s[-1] - times_s[0] + 4 * correlation_s, correlation_s / 4)
+    weight = np.exp(-(((times_s - times_s[0])[:, None] - knot_s) ** 2) / correlation_s**2)
+    return np.asarray(weight @ rng.normal(size=len(knot_s)) / np.sqrt(knots_per_correlation * np.sqrt(np.pi / 2)))
+
+
 def static(view: View, times_s: FloatArray, rng: np.random.Generator) -> FloatArray:  # noqa: ARG001 (a Motion)
     """Stand still, where nothing can be triangulated: (N, 4, 4) poses."""
     still = np.zeros(len(times_s))
@@ -172,6 +195,7 @@ MOTIONS: dict[str, Motion] = {
     "orbit": orbit,
     "revisit": revisit,
     "planar": planar,
+    "random_walk": random_walk,
     "static": static,
 }
 

@@ -1,0 +1,237 @@
+"""Dense bundle adjustment: Levenberg-Marquardt over sonar poses and points in arrays, points eliminated.
+
+It is meant for starts: small problems, solved many times, from poses and elevations that may be far from the truth. The
+elevation of a point is hardly measured at first, and a Gauss-Newton step along it can be of any length; a trust region
+on the elevations, and not on the poses, therefore bounds each step.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import LinAlgError
+from scipy.sparse import csr_array
+
+from asfm.backend.graph.normal_equations import NormalEquations, move_poses
+from asfm.geometry.poses import adjoint, angle_difference, cross_matrix, invert, pose_log, steps_between
+from asfm.geometry.sonar import project, project_jacobian
+from asfm.types import BoolArray, FloatArray, IntArray
+
+TRUST_RADIUS = 1.0
+"""First radius of the trust region on elevations, in half apertures."""
+TRUST_RADII = 1e-4, 300.0
+"""Radius at which no step is found any more, and the largest one."""
+GROWTH, SHRINKAGE = 2.0, 3.0
+"""Factors of the radius after a step that lowers the cost, and after one that does not."""
+DAMPING = 1e-9
+"""Share of the diagonal added to it."""
+SMALL_GAINS = 2
+"""The adjustment ends after so many steps in a row that gain less than the tolerance."""
+
+
+@dataclass(frozen=True)
+class DenseProblem:
+    """Observations of T points from N sonar poses, and weak knowledge of the motion and the elevations."""
+
+    frame: IntArray
+    """(O,) pose of each observation, 0..N-1."""
+    track: IntArray
+    """(O,) point of each observation, 0..T-1; at most one observation of a point in a pose."""
+    range_bearing: FloatArray
+    """(O, 2) range_m and bearing_rad."""
+    sigma: FloatArray
+    """(O, 2) their standard deviations."""
+    step_sigma: FloatArray
+    """(N - 1, 2) standard deviations of rotation in rad and translation in m, each axis, from each pose to the next, of
+    which the mean is no motion; infinite where nothing is known."""
+    half_aperture_rad: float
+    """Half of the elevation aperture."""
+    elevation_sigma_rad: float = np.inf
+    """Standard deviation of a point's elevation, whose mean is the middle of the beam; once per point."""
+    point_sigma_m: float = np.inf
+    """Standard deviation of each point about where it is at the beginning."""
+    cauchy_sigmas: float = np.inf
+    """Scale of the Cauchy kernel on an observation's range and bearing together; infinite for least squares."""
+
+
+@dataclass(frozen=True)
+class DenseBundle:
+    """Optimum of a dense problem."""
+
+    world_from_sonar: FloatArray
+    """(N, 4, 4)"""
+    xyz_m: FloatArray
+    """(T, 3) points, world frame."""
+    cost: float
+    """Half the sum of squares, robust for observations."""
+
+
+@dataclass(frozen=True)
+class _Linearisation:
+    in_sonar: FloatArray
+    """(O, 3)"""
+    residual: FloatArray
+    """(O, 3) range, bearing and elevation in sigmas."""
+    by_point: FloatArray
+    """(O, 3, 3) derivative by the point in the sonar frame."""
+    weight: FloatArray
+    """(O, 3)"""
+
+
+def adjust_dense(
+    problem: DenseProblem,
+    world_from_sonar: FloatArray,
+    xyz_m: FloatArray,
+    free: BoolArray,
+    iterations: int = 20,
+    tolerance: float = 1e-2,
+) -> DenseBundle:
+    """Optimise poses and points.
+
+    Args:
+        problem: O observations of T points from N poses.
+        world_from_sonar: (N, 4, 4) initial poses.
+        xyz_m: (T, 3) initial points, world frame.
+        free: (N,) poses that may move.
+        iterations: steps at most.
+        tolerance: relative gain of a step that counts as small.
+    """
+    start_m, radius, small = xyz_m, TRUST_RADIUS * problem.half_aperture_rad, 0
+    best = DenseBundle(world_from_sonar, xyz_m, _cost(problem, world_from_sonar, xyz_m, start_m))
+    for _ in range(iterations):
+        system, of_elevation = _normal_equations(problem, best, start_m, free)
+        found = None
+        while found is None and radius > TRUST_RADII[0]:
+            found = _try_step(problem, best, (system, of_elevation), start_m, free, radius)
+            radius = radius / SHRINKAGE if found is None else min(radius * GROWTH, TRUST_RADII[1])
+        if found is None:
+            break
+        small = small + 1 if best.cost - found.cost < tolerance * best.cost else 0
+        best = found
+        if small == SMALL_GAINS:
+            break
+    return best
+
+
+def scale_sigmas(problem: DenseProblem, factor: float) -> DenseProblem:
+    """Return the problem with the sigmas of its observations multiplied by a factor."""
+    return replace(problem, sigma=problem.sigma * factor)
+
+
+def whiten(problem: DenseProblem, world_from_sonar: FloatArray, xyz_m: FloatArray) -> FloatArray:
+    """Return the (O, 2) residuals of range and bearing in sigmas."""
+    range_m, bearing_rad, _ = project(_in_sonar(problem, world_from_sonar, xyz_m))
+    difference_rad = angle_difference(bearing_rad, problem.range_bearing[:, 1])
+    return np.stack([range_m - problem.range_bearing[:, 0], difference_rad], axis=1) / problem.sigma
+
+
+def _in_sonar(problem: DenseProblem, world_from_sonar: FloatArray, xyz_m: FloatArray) -> FloatArray:
+    pose = world_from_sonar[problem.frame]
+    return np.asarray(((xyz_m[problem.track] - pose[:, :3, 3])[:, None] @ pose[:, :3, :3])[:, 0])
+
+
+def _cost(problem: DenseProblem, world_from_sonar: FloatArray, xyz_m: FloatArray, start_m: FloatArray) -> float:
+    square, scale = (whiten(problem, world_from_sonar, xyz_m) ** 2).sum(axis=1), problem.cauchy_sigmas
+    total = square.sum() if np.isinf(scale) else scale**2 * np.log1p(square / scale**2).sum()
+    if np.isfinite(problem.elevation_sigma_rad):
+        elevation_rad = project(_in_sonar(problem, world_from_sonar, xyz_m))[2]
+        total += ((elevation_rad / _elevation_sigma(problem)) ** 2).sum()
+    total += (((xyz_m - start_m) / problem.point_sigma_m) ** 2).sum()
+    total += ((pose_log(steps_between(world_from_sonar)) / np.repeat(problem.step_sigma, 3, axis=1)) ** 2).sum()
+    return float(total / 2)
+
+
+def _elevation_sigma(problem: DenseProblem) -> FloatArray:
+    """Return the (O,) sigmas of the elevation, larger by the root of the views of each point."""
+    return np.asarray(problem.elevation_sigma_rad * np.sqrt(np.bincount(problem.track)[problem.track]))
+
+
+def _linearise(problem: DenseProblem, bundle: DenseBundle) -> _Linearisation:
+    in_sonar = _in_sonar(problem, bundle.world_from_sonar, bundle.xyz_m)
+    measured = whiten(problem, bundle.world_from_sonar, bundle.xyz_m)
+    elevation_sigma = _elevation_sigma(problem)
+    sigma = np.column_stack([problem.sigma, elevation_sigma])
+    residual = np.column_stack([measured, project(in_sonar)[2] / elevation_sigma])
+    weight = np.ones_like(residual)
+    if np.isfinite(problem.cauchy_sigmas):
+        weight[:, :2] = 1 / (1 + (measured**2).sum(axis=1, keepdims=True) / problem.cauchy_sigmas**2)
+    return _Linearisation(in_sonar, residual, project_jacobian(in_sonar) / sigma[:, :, None], weight)
+
+
+def _normal_equations(
+    problem: DenseProblem, bundle: DenseBundle, start_m: FloatArray, free: BoolArray
+) -> tuple[NormalEquations, FloatArray]:
+    """Return the normal equations of the free poses and all points, and the (T, 3, 3) squares of unit elevations."""
+    poses, count, points = bundle.world_from_sonar, int(free.sum()), len(bundle.xyz_m)
+    linear = _linearise(problem, bundle)
+    column = np.cumsum(free) - 1
+    sonar_from_world = np.swapaxes(poses[problem.frame, :3, :3], 1, 2)
+    by_point = linear.by_point @ sonar_from_world
+    weighted = np.swapaxes(by_point * linear.weight[:, :, None], 1, 2)
+    of_track = _summation(problem.track, points)
+    own = (of_track @ (weighted @ by_point).reshape(-1, 9)).reshape(-1, 3, 3) + np.eye(3) / problem.point_sigma_m**2
+    by_points = of_track @ (weighted @ linear.residual[:, :, None])[:, :, 0]
+    by_points += (bundle.xyz_m - start_m) / problem.point_sigma_m**2
+    moved = np.flatnonzero(free[problem.frame])
+    frame, track = column[problem.frame[moved]], problem.track[moved]
+    in_sonar, derivative = linear.in_sonar[moved], linear.by_point[moved]
+    by_pose = np.concatenate([derivative @ cross_matrix(in_sonar), -derivative], axis=2)
+    pose_weighted = np.swapaxes(by_pose * linear.weight[moved][:, :, None], 1, 2)
+    of_frame = _summation(frame, count)
+    mixed = np.zeros((count, points, 6, 3))
+    mixed[frame, track] = pose_weighted @ by_point[moved]
+    information, by_poses = _motion_prior(problem, poses, free)
+    diagonal = np.arange(count)
+    blocks = information.reshape(count, 6, count, 6)
+    blocks[diagonal, :, diagonal] += (of_frame @ (pose_weighted @ by_pose).reshape(-1, 36)).reshape(-1, 6, 6)
+    by_poses += (of_frame @ (pose_weighted @ linear.residual[moved][:, :, None])[:, :, 0]).ravel()
+    system = NormalEquations(
+        gradient=np.concatenate([by_poses, by_points.ravel()]),
+        poses=information,
+        mixed=mixed.swapaxes(1, 2).reshape(6 * count, 3 * points),
+        points=own,
+    )
+    views = np.bincount(problem.track, minlength=points)[problem.track]
+    elevation = (project_jacobian(linear.in_sonar)[:, 2:] @ sonar_from_world)[:, 0] / np.sqrt(views)[:, None]
+    squares = (of_track @ (elevation[:, :, None] * elevation[:, None, :]).reshape(-1, 9)).reshape(-1, 3, 3)
+    return system, squares
+
+
+def _motion_prior(problem: DenseProblem, poses: FloatArray, free: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Return the (6 F, 6 F) information and the (6 F,) gradient of the motion prior for the F free poses."""
+    steps, count = steps_between(poses), len(poses)
+    scale = 1 / np.repeat(problem.step_sigma, 3, axis=1)
+    residual, first = pose_log(steps) * scale, -adjoint(invert(steps)) * scale[:, :, None]
+    second = np.eye(6) * scale[:, :, None]
+    information, gradient = np.zeros((count, 6, count, 6)), np.zeros((count, 6))
+    one, other = np.arange(count - 1), np.arange(1, count)
+    for a, by_a in ((one, first), (other, second)):
+        gradient[a] += np.einsum("nij,ni->nj", by_a, residual)
+        for b, by_b in ((one, first), (other, second)):
+            information[a, :, b] += np.swapaxes(by_a, 1, 2) @ by_b
+    which = np.flatnonzero(free)
+    return information[which][:, :, which].reshape(6 * len(which), -1), gradient[which].ravel()
+
+
+def _try_step(
+    problem: DenseProblem,
+    bundle: DenseBundle,
+    system: tuple[NormalEquations, FloatArray],
+    start_m: FloatArray,
+    free: BoolArray,
+    radius_rad: float,
+) -> DenseBundle | None:
+    """Return the bundle after a step; None where its cost is not lower, or the equations are singular."""
+    equations, squares = system
+    try:
+        motion, shift_m = equations.solve(DAMPING, squares / radius_rad**2)
+    except LinAlgError:
+        return None
+    poses, xyz_m = bundle.world_from_sonar.copy(), bundle.xyz_m + shift_m
+    poses[free] = move_poses(poses[free], motion)
+    cost = _cost(problem, poses, xyz_m, start_m)
+    return DenseBundle(poses, xyz_m, cost) if cost <= bundle.cost else None
+
+
+def _summation(group: IntArray, count: int) -> csr_array:
+    """Return the (G, M) matrix that sums values by their (M,) group."""
+    return csr_array((np.ones(len(group)), (group, np.arange(len(group)))), shape=(count, len(group)))

@@ -1,0 +1,181 @@
+"""Incremental mapping: poses in six degrees of freedom and points, grown frame by frame from tracks alone.
+
+Each frame is first located against the known points (acoustic resection), new points begin at a random elevation in the
+beam, and every few frames poses and points are adjusted together with wide sigmas that become narrow. Zero elevation
+would be a saddle: by symmetry the cost does not change there with the sign of the elevation.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from asfm.backend.graph.dense_bundle import DenseBundle, DenseProblem, adjust_dense, scale_sigmas
+from asfm.geometry.poses import transform
+from asfm.geometry.sonar import back_project
+from asfm.types import BoolArray, FloatArray, IntArray, Tracks
+
+MIN_SHARED = 3
+"""Fewest known points of a frame whose pose is estimated."""
+FRAMES_PER_ADJUSTMENT = 4
+WINDOW = 24
+"""Latest frames that move in an adjustment."""
+WINDOWS_PER_WHOLE = 4
+"""After so many adjustments all frames move."""
+SIGMA_SCALES = (8.0, 2.0, 1.0)
+"""Factors of the sigmas in the passes of an adjustment."""
+RESECTION_SCALE = 5.0
+"""Factor of the sigmas while a frame is located."""
+RESECTION_CAUCHY_SIGMAS, CAUCHY_SIGMAS = 2.0, 3.0
+"""Scales of the Cauchy kernel in the resection and in the adjustments."""
+STEP_ROTATION_RAD, STEP_TRANSLATION_PER_RANGE = 0.1, 0.05
+"""Standard deviations of a step between frames: about none, and weak."""
+POINT_SIGMA_PER_RANGE = 0.05
+"""Standard deviation of a known point while a frame is located, over the sonar's range: it may not be known yet."""
+ELEVATION_SIGMA = 0.85
+"""Standard deviation of a point's elevation, in half apertures."""
+RESECTION_ITERATIONS, ADJUSTMENT_ITERATIONS = 12, 15
+
+
+@dataclass
+class _Map:
+    """Poses and points so far."""
+
+    tracks: Tracks
+    sigma: FloatArray
+    """(O, 2)"""
+    template: DenseProblem
+    """Settings of every problem; its arrays are empty."""
+    max_range_m: float
+    world_from_sonar: FloatArray
+    """(N, 4, 4)"""
+    xyz_m: FloatArray
+    """(T, 3)"""
+    known: BoolArray = field(init=False)
+    """(T,) which points have been seen."""
+
+    def __post_init__(self) -> None:
+        self.known = np.zeros(len(self.xyz_m), dtype=bool)
+
+
+def grow_map(
+    tracks: Tracks,
+    sigma: FloatArray,
+    frame_count: int,
+    half_aperture_rad: float,
+    max_range_m: float,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Estimate sonar poses from tracks, frame by frame.
+
+    Args:
+        tracks: (O,) observations of T landmarks.
+        sigma: (O, 2) standard deviations of range_m and bearing_rad.
+        frame_count: N.
+        half_aperture_rad: half of the elevation aperture.
+        max_range_m: of the sonar.
+        rng: draws the elevations at which points begin.
+
+    Returns:
+        (N, 4, 4) poses, the first one the identity. A frame with too few known points keeps the pose before it.
+    """
+    grown = _Map(
+        tracks,
+        sigma,
+        empty_problem(half_aperture_rad),
+        max_range_m,
+        np.repeat(np.eye(4)[None], frame_count, axis=0),
+        np.zeros((tracks.count, 3)),
+    )
+    adjustments = 0
+    for frame, seen in enumerate(tracks.by_frame(frame_count)):
+        if frame:
+            grown.world_from_sonar[frame] = grown.world_from_sonar[frame - 1]
+            _locate_frame(grown, frame, seen)
+        _add_points(grown, frame, seen, rng)
+        last = frame == frame_count - 1
+        if frame and (last or frame % FRAMES_PER_ADJUSTMENT == 0):
+            adjustments += 1
+            whole = last or adjustments % WINDOWS_PER_WHOLE == 0
+            _adjust_frames(grown, 0 if whole else max(0, frame - WINDOW), frame)
+    return grown.world_from_sonar
+
+
+def empty_problem(half_aperture_rad: float) -> DenseProblem:
+    """Return a problem without observations, with the kernel and the elevation prior of the adjustments."""
+    index = np.zeros(0, dtype=np.int64)
+    return DenseProblem(
+        frame=index,
+        track=index,
+        range_bearing=np.zeros((0, 2)),
+        sigma=np.zeros((0, 2)),
+        step_sigma=np.zeros((0, 2)),
+        half_aperture_rad=half_aperture_rad,
+        elevation_sigma_rad=ELEVATION_SIGMA * half_aperture_rad,
+        cauchy_sigmas=CAUCHY_SIGMAS,
+    )
+
+
+def pose_problem(
+    template: DenseProblem, tracks: Tracks, sigma: FloatArray, used: IntArray, max_range_m: float
+) -> tuple[DenseProblem, IntArray, IntArray]:
+    """Return the problem of some observations with numbered frames and points, (F,) its frames and (P,) its tracks."""
+    frames, frame = np.unique(tracks.frame[used], return_inverse=True)
+    points, track = np.unique(tracks.track[used], return_inverse=True)
+    step_sigma = np.outer(np.sqrt(np.diff(frames)), [STEP_ROTATION_RAD, STEP_TRANSLATION_PER_RANGE * max_range_m])
+    range_bearing = np.stack([tracks.range_m[used], tracks.bearing_rad[used]], axis=1)
+    problem = replace(
+        template, frame=frame, track=track, range_bearing=range_bearing, sigma=sigma[used], step_sigma=step_sigma
+    )
+    return problem, frames, points
+
+
+def adjust_narrowing(
+    problem: DenseProblem, world_from_sonar: FloatArray, xyz_m: FloatArray, free: BoolArray
+) -> DenseBundle:
+    """Adjust with wide sigmas that become narrow (graduated non-convexity)."""
+    bundle = DenseBundle(world_from_sonar, xyz_m, np.inf)
+    for factor in SIGMA_SCALES:
+        wide = scale_sigmas(problem, factor)
+        bundle = adjust_dense(wide, bundle.world_from_sonar, bundle.xyz_m, free, ADJUSTMENT_ITERATIONS)
+    return bundle
+
+
+def _locate_frame(grown: _Map, frame: int, seen: IntArray) -> None:
+    """Estimate the pose of a frame alone from its (K,) observations of known points (acoustic resection)."""
+    seen = seen[grown.known[grown.tracks.track[seen]]]
+    if len(seen) < MIN_SHARED:
+        return
+    problem, _, points = pose_problem(grown.template, grown.tracks, grown.sigma, seen, grown.max_range_m)
+    problem = replace(
+        scale_sigmas(problem, RESECTION_SCALE),
+        frame=np.ones(len(seen), dtype=np.int64),
+        step_sigma=np.array([[STEP_ROTATION_RAD, STEP_TRANSLATION_PER_RANGE * grown.max_range_m]]),
+        elevation_sigma_rad=np.inf,
+        point_sigma_m=POINT_SIGMA_PER_RANGE * grown.max_range_m,
+        cauchy_sigmas=RESECTION_CAUCHY_SIGMAS,
+    )
+    start, free = grown.world_from_sonar[[frame - 1, frame]], np.array([False, True])
+    found = adjust_dense(problem, start, grown.xyz_m[points], free, RESECTION_ITERATIONS)
+    grown.world_from_sonar[frame] = found.world_from_sonar[1]
+
+
+def _add_points(grown: _Map, frame: int, seen: IntArray, rng: np.random.Generator) -> None:
+    """Place the points that a frame sees first at random elevations."""
+    tracks = grown.tracks
+    new = seen[~grown.known[tracks.track[seen]]]
+    elevation_rad = grown.template.half_aperture_rad * rng.uniform(-1, 1, len(new))
+    in_sonar = back_project(tracks.range_m[new], tracks.bearing_rad[new], elevation_rad)
+    grown.xyz_m[tracks.track[new]] = transform(grown.world_from_sonar[frame], in_sonar)
+    grown.known[tracks.track[new]] = True
+
+
+def _adjust_frames(grown: _Map, first: int, last: int) -> None:
+    """Adjust the frames first..last and the points that they see; earlier frames that see those stay fixed."""
+    tracks = grown.tracks
+    now = tracks.frame <= last
+    in_window = np.bincount(tracks.track[now & (tracks.frame >= first)], minlength=tracks.count) > 0
+    used = np.flatnonzero(now & in_window[tracks.track])
+    problem, frames, points = pose_problem(grown.template, tracks, grown.sigma, used, grown.max_range_m)
+    free = frames > max(first, int(frames[0]))
+    found = adjust_narrowing(problem, grown.world_from_sonar[frames], grown.xyz_m[points], free)
+    grown.world_from_sonar[frames], grown.xyz_m[points] = found.world_from_sonar, found.xyz_m
