@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from asfm.backend.graph.dense_bundle import DenseBundle, DenseProblem, adjust_dense, scale_sigmas
-from asfm.geometry.poses import transform
+from asfm.geometry.poses import invert, transform
 from asfm.geometry.sonar import back_project
 from asfm.types import BoolArray, FloatArray, IntArray, Tracks
 
@@ -19,8 +19,10 @@ MIN_SHARED = 3
 FRAMES_PER_ADJUSTMENT = 4
 WINDOW = 24
 """Latest frames that move in an adjustment."""
-WINDOWS_PER_WHOLE = 4
-"""After so many adjustments all frames move."""
+WINDOWS_PER_LONG = 4
+"""After so many adjustments many more frames move."""
+LONGEST_WINDOW = 150
+"""That many: time grows with the third power, memory with the second."""
 SIGMA_SCALES = (8.0, 2.0, 1.0)
 """Factors of the sigmas in the passes of an adjustment."""
 RESECTION_SCALE = 5.0
@@ -37,24 +39,25 @@ RESECTION_ITERATIONS, ADJUSTMENT_ITERATIONS = 12, 15
 
 
 @dataclass
-class _Map:
+class IncrementalMap:
     """Poses and points so far."""
 
     tracks: Tracks
     sigma: FloatArray
-    """(O, 2)"""
+    """(O, 2) standard deviations of the observations."""
     template: DenseProblem
     """Settings of every problem; its arrays are empty."""
     max_range_m: float
     world_from_sonar: FloatArray
     """(N, 4, 4)"""
-    xyz_m: FloatArray
+    xyz_m: FloatArray = field(init=False)
     """(T, 3)"""
     known: BoolArray = field(init=False)
     """(T,) which points have been seen."""
 
     def __post_init__(self) -> None:
-        self.known = np.zeros(len(self.xyz_m), dtype=bool)
+        self.xyz_m = np.zeros((self.tracks.count, 3))
+        self.known = np.zeros(self.tracks.count, dtype=bool)
 
 
 def grow_map(
@@ -78,14 +81,8 @@ def grow_map(
     Returns:
         (N, 4, 4) poses, the first one the identity. A frame with too few known points keeps the pose before it.
     """
-    grown = _Map(
-        tracks,
-        sigma,
-        empty_problem(half_aperture_rad),
-        max_range_m,
-        np.repeat(np.eye(4)[None], frame_count, axis=0),
-        np.zeros((tracks.count, 3)),
-    )
+    still = np.repeat(np.eye(4)[None], frame_count, axis=0)
+    grown = IncrementalMap(tracks, sigma, empty_problem(half_aperture_rad), max_range_m, still)
     adjustments = 0
     for frame, seen in enumerate(tracks.by_frame(frame_count)):
         if frame:
@@ -95,8 +92,8 @@ def grow_map(
         last = frame == frame_count - 1
         if frame and (last or frame % FRAMES_PER_ADJUSTMENT == 0):
             adjustments += 1
-            whole = last or adjustments % WINDOWS_PER_WHOLE == 0
-            _adjust_frames(grown, 0 if whole else max(0, frame - WINDOW), frame)
+            length = LONGEST_WINDOW if last or adjustments % WINDOWS_PER_LONG == 0 else WINDOW
+            _adjust_frames(grown, max(0, frame - length), frame)
     return grown.world_from_sonar
 
 
@@ -115,7 +112,7 @@ def empty_problem(half_aperture_rad: float) -> DenseProblem:
     )
 
 
-def pose_problem(
+def number_problem(
     template: DenseProblem, tracks: Tracks, sigma: FloatArray, used: IntArray, max_range_m: float
 ) -> tuple[DenseProblem, IntArray, IntArray]:
     """Return the problem of some observations with numbered frames and points, (F,) its frames and (P,) its tracks."""
@@ -140,12 +137,12 @@ def adjust_narrowing(
     return bundle
 
 
-def _locate_frame(grown: _Map, frame: int, seen: IntArray) -> None:
+def _locate_frame(grown: IncrementalMap, frame: int, seen: IntArray) -> None:
     """Estimate the pose of a frame alone from its (K,) observations of known points (acoustic resection)."""
     seen = seen[grown.known[grown.tracks.track[seen]]]
     if len(seen) < MIN_SHARED:
         return
-    problem, _, points = pose_problem(grown.template, grown.tracks, grown.sigma, seen, grown.max_range_m)
+    problem, _, points = number_problem(grown.template, grown.tracks, grown.sigma, seen, grown.max_range_m)
     problem = replace(
         scale_sigmas(problem, RESECTION_SCALE),
         frame=np.ones(len(seen), dtype=np.int64),
@@ -159,23 +156,45 @@ def _locate_frame(grown: _Map, frame: int, seen: IntArray) -> None:
     grown.world_from_sonar[frame] = found.world_from_sonar[1]
 
 
-def _add_points(grown: _Map, frame: int, seen: IntArray, rng: np.random.Generator) -> None:
+def _add_points(grown: IncrementalMap, frame: int, seen: IntArray, rng: np.random.Generator) -> None:
     """Place the points that a frame sees first at random elevations."""
-    tracks = grown.tracks
-    new = seen[~grown.known[tracks.track[seen]]]
-    elevation_rad = grown.template.half_aperture_rad * rng.uniform(-1, 1, len(new))
-    in_sonar = back_project(tracks.range_m[new], tracks.bearing_rad[new], elevation_rad)
-    grown.xyz_m[tracks.track[new]] = transform(grown.world_from_sonar[frame], in_sonar)
-    grown.known[tracks.track[new]] = True
+    new = seen[~grown.known[grown.tracks.track[seen]]]
+    grown.xyz_m[grown.tracks.track[new]] = draw_points(
+        grown.tracks, new, grown.world_from_sonar[frame], grown.template.half_aperture_rad, rng
+    )
+    grown.known[grown.tracks.track[new]] = True
 
 
-def _adjust_frames(grown: _Map, first: int, last: int) -> None:
+def draw_points(
+    tracks: Tracks, chosen: IntArray, world_from_sonar: FloatArray, half_aperture_rad: float, rng: np.random.Generator
+) -> FloatArray:
+    """Draw points (K, 3) at random elevations of (K,) chosen observations seen from one pose or from (K, 4, 4)."""
+    elevation_rad = half_aperture_rad * rng.uniform(-1, 1, len(chosen))
+    in_sonar = back_project(tracks.range_m[chosen], tracks.bearing_rad[chosen], elevation_rad)
+    return np.asarray(transform(world_from_sonar, in_sonar))
+
+
+def adjust_in_windows(grown: IncrementalMap, rng: np.random.Generator) -> None:
+    """Adjust given poses in long windows that overlap by half, each after the ones before; changes the map."""
+    count = len(grown.world_from_sonar)
+    seen = grown.tracks.by_frame(count)
+    for first in range(0, max(count - LONGEST_WINDOW // 2, 1), LONGEST_WINDOW // 2):
+        last = min(first + LONGEST_WINDOW, count) - 1
+        for frame in range(first, last + 1):
+            _add_points(grown, frame, seen[frame], rng)
+        before = grown.world_from_sonar[last].copy()
+        _adjust_frames(grown, first, last)
+        moved = grown.world_from_sonar[last] @ invert(before)
+        grown.world_from_sonar[last + 1 :] = moved @ grown.world_from_sonar[last + 1 :]
+
+
+def _adjust_frames(grown: IncrementalMap, first: int, last: int) -> None:
     """Adjust the frames first..last and the points that they see; earlier frames that see those stay fixed."""
     tracks = grown.tracks
     now = tracks.frame <= last
     in_window = np.bincount(tracks.track[now & (tracks.frame >= first)], minlength=tracks.count) > 0
     used = np.flatnonzero(now & in_window[tracks.track])
-    problem, frames, points = pose_problem(grown.template, tracks, grown.sigma, used, grown.max_range_m)
+    problem, frames, points = number_problem(grown.template, tracks, grown.sigma, used, grown.max_range_m)
     free = frames > max(first, int(frames[0]))
     found = adjust_narrowing(problem, grown.world_from_sonar[frames], grown.xyz_m[points], free)
     grown.world_from_sonar[frames], grown.xyz_m[points] = found.world_from_sonar, found.xyz_m

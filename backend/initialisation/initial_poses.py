@@ -6,8 +6,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asfm.backend.initialisation.planar_odometry import planar_odometry
+from asfm.backend.initialisation.pose_search import search_poses
 from asfm.config import Config
-from asfm.geometry.poses import chain_steps, make_pose, steps_between
+from asfm.geometry.poses import chain_steps, invert, make_pose, steps_between
 from asfm.navigation.attitude_conflict import resolve_attitude_conflict
 from asfm.navigation.fault_diagnostics import diagnose_odometry, diagnose_time_offset
 from asfm.navigation.fault_hypotheses import Hypothesis
@@ -133,10 +134,10 @@ def replace_unreliable_steps(
 def initialise_from_tracks(
     navigation: FrameNavigation, sequence: Sequence, tracks: Tracks, config: Config, rng: np.random.Generator
 ) -> InitialPoses:
-    """Initialise the poses from the planar odometry of tracks, with a motion prior as constraints.
+    """Initialise the poses from tracks: planar odometry, or a search in six degrees of freedom for a sonar alone.
 
-    The planar odometry is not a measurement, because it is made from the same tracks. Where the tracks do not constrain
-    the poses, the motion prior does: each step is zero, with sigmas of a few typical steps of the planar odometry.
+    These poses are no measurement, because they are made from the same tracks. Where the tracks do not constrain the
+    poses, the motion prior does: each step is zero, with sigmas of a few typical steps of the planar odometry.
 
     Args:
         navigation: depth and attitude at the frame times.
@@ -148,10 +149,12 @@ def initialise_from_tracks(
     readings = navigation.depth_attitude.z_roll_pitch
     first_pose = level_pose(readings[0]) if len(readings) else np.eye(4)
     poses, supported = planar_odometry(tracks, len(sequence), first_pose, sequence.vehicle_from_sonar, rng)
+    typical = _typical_step(poses, supported)
+    if not len(readings):
+        lever_arm = sequence.vehicle_from_sonar
+        poses = search_poses(tracks, poses @ lever_arm, sequence.sonar, config.noise, rng) @ invert(lever_arm)
     max_range_m = float(sequence.sonar.range_edges_m[-1])
-    sigma = config.backend.motion_prior_factor * np.maximum(
-        _typical_step(poses, supported), [MIN_PRIOR_SIGMA, MIN_PRIOR_SIGMA * max_range_m]
-    )
+    sigma = config.backend.motion_prior_factor * np.maximum(typical, [MIN_PRIOR_SIGMA, MIN_PRIOR_SIGMA * max_range_m])
     stationary = np.repeat(poses[:1], len(poses), axis=0)
     step_sigma = np.tile(sigma, (len(poses) - 1, 1))
     sensors = sensor_constraints(sequence, navigation, stationary, step_sigma, measured=False)

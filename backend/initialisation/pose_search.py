@@ -1,0 +1,156 @@
+"""Search of initial poses for a sonar alone: planar odometry relaxed in six degrees of freedom, or a map grown anew.
+
+Planar odometry knows no roll, pitch or height. Relaxed with sigmas that are wide at first it mostly finds them; where
+its fit stays worse than that of short stretches by themselves, it has stopped in a wrong local optimum, and a map is
+grown frame by frame. The better fit is taken.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from asfm.backend.graph.dense_bundle import adjust_dense, whiten
+from asfm.backend.initialisation.incremental_mapping import (
+    IncrementalMap,
+    adjust_in_windows,
+    adjust_narrowing,
+    draw_points,
+    empty_problem,
+    grow_map,
+    number_problem,
+)
+from asfm.backend.initialisation.planar_odometry import MIN_SHARED
+from asfm.config import NoiseConfig
+from asfm.geometry.feature_noise import observation_sigma
+from asfm.geometry.poses import invert, make_pose
+from asfm.geometry.sonar import SonarModel
+from asfm.types import FloatArray, IntArray, Tracks
+
+MIN_VIEWS = 3
+"""Shorter tracks are not used."""
+TRACKS_PER_FRAME = 120
+"""Tracks used of a frame, the longest ones: a few hundred make the search slow and not better."""
+MAX_MISFIT = 1.15
+"""Residuals of all frames over those of short stretches at which the relaxed poses are accepted."""
+CLEARLY_BETTER = 0.9
+"""Cost of a grown map over that of the relaxed poses from which on it is taken."""
+STRETCH_FRAMES, MIN_STRETCH_VIEWS, MIN_STRETCH_OBSERVATIONS = 8, 4, 40
+"""Length of the short stretches, and the tracks and stretches that are used."""
+MEDIAN_TO_SIGMA = 1.4826
+"""Standard deviation of a Gaussian variable over the median of its magnitude."""
+
+
+@dataclass(frozen=True)
+class _Fit:
+    world_from_sonar: FloatArray
+    """(N, 4, 4)"""
+    cost: float
+    """Mean of the observations' costs."""
+    noise: FloatArray
+    """(2,) robust standard deviation of the residuals of range and bearing, in sigmas."""
+
+
+def search_poses(
+    tracks: Tracks, planar_world_from_sonar: FloatArray, sonar: SonarModel, noise: NoiseConfig, rng: np.random.Generator
+) -> FloatArray:
+    """Search sonar poses in six degrees of freedom.
+
+    Args:
+        tracks: built without known poses.
+        planar_world_from_sonar: (N, 4, 4) poses of the planar odometry.
+        sonar: gives range and aperture.
+        noise: standard deviations of features without their own.
+        rng: draws the elevations at which points begin.
+
+    Returns:
+        (N, 4, 4) poses; the first one is that of the planar odometry. Too few tracks leave it as it is.
+    """
+    tracks = select_tracks(tracks, len(planar_world_from_sonar))
+    if tracks.count < MIN_SHARED:
+        return planar_world_from_sonar
+    sigma = observation_sigma(tracks, sonar, noise)
+    half_rad, max_range_m = sonar.elevation_aperture_rad / 2, float(sonar.range_edges_m[-1])
+    local = invert(planar_world_from_sonar[0]) @ planar_world_from_sonar
+    start = IncrementalMap(tracks, sigma, empty_problem(half_rad), max_range_m, local)
+    best = _relax(start, local, rng)
+    if measure_misfit(start, best, rng) > MAX_MISFIT:
+        grown = grow_map(tracks, sigma, len(local), half_rad, max_range_m, rng)
+        other = _relax(start, grown, rng)
+        best = other if other.cost < CLEARLY_BETTER * best.cost else best
+    found = planar_world_from_sonar[0] @ invert(best.world_from_sonar[0]) @ best.world_from_sonar
+    return make_pose(found[:, :3, 3], Rotation.from_matrix(found[:, :3, :3]))
+
+
+def select_tracks(tracks: Tracks, frame_count: int) -> Tracks:
+    """Return the tracks of enough views; where a frame has very many, those that are mostly among its longest.
+
+    Args:
+        tracks: any.
+        frame_count: N.
+    """
+    views = np.bincount(tracks.track, minlength=tracks.count)
+    rank = np.empty(len(tracks), dtype=np.int64)
+    for seen in tracks.by_frame(frame_count):
+        rank[seen[np.argsort(-views[tracks.track[seen]], kind="stable")]] = np.arange(len(seen))
+    often = np.bincount(tracks.track, rank < TRACKS_PER_FRAME, minlength=tracks.count) >= views / 2
+    chosen = tracks.select(((views >= MIN_VIEWS) & often)[tracks.track])
+    return replace(chosen, track=np.unique(chosen.track, return_inverse=True)[1])
+
+
+def measure_misfit(start: IncrementalMap, fit: _Fit, rng: np.random.Generator) -> float:
+    """Return the noise of a fit over that within short stretches of frames, each adjusted by itself; the larger axis.
+
+    The few frames of a stretch fit in nearly any state, so that their residuals are the features' own noise.
+
+    Args:
+        start: gives tracks and sigmas.
+        fit: poses of all frames and their noise.
+        rng: draws the elevations at which points begin.
+
+    Returns:
+        About 1 for the right poses; 1 where no stretch has enough observations.
+    """
+    tracks, residual, freedom, count = start.tracks, list[FloatArray](), 0, 0
+    for first in range(0, len(fit.world_from_sonar) - STRETCH_FRAMES + 1, STRETCH_FRAMES):
+        used = np.flatnonzero((tracks.frame >= first) & (tracks.frame < first + STRETCH_FRAMES))
+        used = used[np.bincount(tracks.track[used])[tracks.track[used]] >= MIN_STRETCH_VIEWS]
+        if len(used) < MIN_STRETCH_OBSERVATIONS:
+            continue
+        whitened, fitted = _adjust_stretch(start, fit.world_from_sonar, used, rng)
+        residual.append(whitened)
+        freedom += 2 * len(used) - fitted
+        count += 2 * len(used)
+    if not residual or freedom <= 0:
+        return 1.0
+    within = robust_sigma(np.concatenate(residual)) / np.sqrt(freedom / count)
+    return float(np.max(fit.noise / np.maximum(within, 1e-9)))
+
+
+def robust_sigma(residual: FloatArray) -> FloatArray:
+    """Return the (2,) standard deviations of (O, 2) residuals from their medians, which outliers do not move."""
+    return np.asarray(MEDIAN_TO_SIGMA * np.median(np.abs(residual), axis=0))
+
+
+def _relax(start: IncrementalMap, world_from_sonar: FloatArray, rng: np.random.Generator) -> _Fit:
+    """Adjust all frames from given poses and random elevations."""
+    relaxed = replace(start, world_from_sonar=world_from_sonar.copy())
+    adjust_in_windows(relaxed, rng)
+    everything = np.arange(len(start.tracks))
+    problem, frames, points = number_problem(start.template, start.tracks, start.sigma, everything, start.max_range_m)
+    poses, xyz_m = relaxed.world_from_sonar[frames], relaxed.xyz_m[points]
+    cost = adjust_dense(problem, poses, xyz_m, np.zeros(len(frames), dtype=bool), iterations=0).cost
+    noise = robust_sigma(whiten(problem, poses, xyz_m))
+    return _Fit(relaxed.world_from_sonar, cost / len(everything), noise)
+
+
+def _adjust_stretch(
+    start: IncrementalMap, world_from_sonar: FloatArray, used: IntArray, rng: np.random.Generator
+) -> tuple[FloatArray, int]:
+    """Adjust the frames and points of some observations: their (O, 2) residuals, and the parameters fitted."""
+    problem, frames, points = number_problem(start.template, start.tracks, start.sigma, used, start.max_range_m)
+    first = used[np.unique(problem.track, return_index=True)[1]]
+    poses = world_from_sonar[start.tracks.frame[first]]
+    xyz_m = draw_points(start.tracks, first, poses, start.template.half_aperture_rad, rng)
+    bundle = adjust_narrowing(problem, world_from_sonar[frames], xyz_m, np.arange(len(frames)) > 0)
+    return whiten(problem, bundle.world_from_sonar, bundle.xyz_m), 3 * len(points) + 6 * (len(frames) - 1)
