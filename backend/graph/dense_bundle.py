@@ -23,7 +23,7 @@ TRUST_RADII = 1e-4, 300.0
 GROWTH, SHRINKAGE = 2.0, 3.0
 """Factors of the radius after a step that lowers the cost, and after one that does not."""
 DAMPING = 1e-9
-"""Share of the diagonal added to it."""
+"""Share of the diagonal added to it at the first radius; it grows with the fourth power of a smaller one."""
 SMALL_GAINS = 2
 """The adjustment ends after so many steps in a row that gain less than the tolerance."""
 
@@ -223,7 +223,8 @@ def _try_step(
     """Return the bundle after a step; None where its cost is not lower, or the equations are singular."""
     equations, squares = system
     try:
-        motion, shift_m = equations.solve(DAMPING, squares / radius_rad**2)
+        damping = DAMPING * max(1.0, TRUST_RADIUS * problem.half_aperture_rad / radius_rad) ** 4
+        motion, shift_m = equations.solve(damping, squares / radius_rad**2)
     except LinAlgError:
         return None
     poses, xyz_m = bundle.world_from_sonar.copy(), bundle.xyz_m + shift_m

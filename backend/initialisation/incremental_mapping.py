@@ -29,8 +29,6 @@ RESECTION_SCALE = 5.0
 """Factor of the sigmas while a frame is located."""
 RESECTION_CAUCHY_SIGMAS, CAUCHY_SIGMAS = 2.0, 3.0
 """Scales of the Cauchy kernel in the resection and in the adjustments."""
-STEP_ROTATION_RAD, STEP_TRANSLATION_PER_RANGE = 0.1, 0.05
-"""Standard deviations of a step between frames: about none, and weak."""
 POINT_SIGMA_PER_RANGE = 0.05
 """Standard deviation of a known point while a frame is located, over the sonar's range: it may not be known yet."""
 ELEVATION_SIGMA = 0.85
@@ -64,7 +62,7 @@ def grow_map(
     tracks: Tracks,
     sigma: FloatArray,
     frame_count: int,
-    half_aperture_rad: float,
+    template: DenseProblem,
     max_range_m: float,
     rng: np.random.Generator,
 ) -> FloatArray:
@@ -74,7 +72,7 @@ def grow_map(
         tracks: (O,) observations of T landmarks.
         sigma: (O, 2) standard deviations of range_m and bearing_rad.
         frame_count: N.
-        half_aperture_rad: half of the elevation aperture.
+        template: of :func:`empty_problem`.
         max_range_m: of the sonar.
         rng: draws the elevations at which points begin.
 
@@ -82,7 +80,7 @@ def grow_map(
         (N, 4, 4) poses, the first one the identity. A frame with too few known points keeps the pose before it.
     """
     still = np.repeat(np.eye(4)[None], frame_count, axis=0)
-    grown = IncrementalMap(tracks, sigma, empty_problem(half_aperture_rad), max_range_m, still)
+    grown = IncrementalMap(tracks, sigma, template, max_range_m, still)
     adjustments = 0
     for frame, seen in enumerate(tracks.by_frame(frame_count)):
         if frame:
@@ -94,18 +92,26 @@ def grow_map(
             adjustments += 1
             length = LONGEST_WINDOW if last or adjustments % WINDOWS_PER_LONG == 0 else WINDOW
             _adjust_frames(grown, max(0, frame - length), frame)
+    for frame in np.setdiff1d(np.arange(1, frame_count), tracks.frame).tolist():
+        grown.world_from_sonar[frame] = grown.world_from_sonar[frame - 1]
     return grown.world_from_sonar
 
 
-def empty_problem(half_aperture_rad: float) -> DenseProblem:
-    """Return a problem without observations, with the kernel and the elevation prior of the adjustments."""
+def empty_problem(half_aperture_rad: float, step_sigma: FloatArray) -> DenseProblem:
+    """Return a problem without observations, with the kernel and the priors of the adjustments.
+
+    Args:
+        half_aperture_rad: half of the elevation aperture.
+        step_sigma: (2,) standard deviations of rotation in rad and translation in m, each axis, of a step between
+            neighbouring frames.
+    """
     index = np.zeros(0, dtype=np.int64)
     return DenseProblem(
         frame=index,
         track=index,
         range_bearing=np.zeros((0, 2)),
         sigma=np.zeros((0, 2)),
-        step_sigma=np.zeros((0, 2)),
+        step_sigma=step_sigma[None],
         half_aperture_rad=half_aperture_rad,
         elevation_sigma_rad=ELEVATION_SIGMA * half_aperture_rad,
         cauchy_sigmas=CAUCHY_SIGMAS,
@@ -113,12 +119,12 @@ def empty_problem(half_aperture_rad: float) -> DenseProblem:
 
 
 def number_problem(
-    template: DenseProblem, tracks: Tracks, sigma: FloatArray, used: IntArray, max_range_m: float
+    template: DenseProblem, tracks: Tracks, sigma: FloatArray, used: IntArray
 ) -> tuple[DenseProblem, IntArray, IntArray]:
     """Return the problem of some observations with numbered frames and points, (F,) its frames and (P,) its tracks."""
     frames, frame = np.unique(tracks.frame[used], return_inverse=True)
     points, track = np.unique(tracks.track[used], return_inverse=True)
-    step_sigma = np.outer(np.sqrt(np.diff(frames)), [STEP_ROTATION_RAD, STEP_TRANSLATION_PER_RANGE * max_range_m])
+    step_sigma = np.outer(np.sqrt(np.diff(frames)), template.step_sigma[0])
     range_bearing = np.stack([tracks.range_m[used], tracks.bearing_rad[used]], axis=1)
     problem = replace(
         template, frame=frame, track=track, range_bearing=range_bearing, sigma=sigma[used], step_sigma=step_sigma
@@ -142,11 +148,11 @@ def _locate_frame(grown: IncrementalMap, frame: int, seen: IntArray) -> None:
     seen = seen[grown.known[grown.tracks.track[seen]]]
     if len(seen) < MIN_SHARED:
         return
-    problem, _, points = number_problem(grown.template, grown.tracks, grown.sigma, seen, grown.max_range_m)
+    problem, _, points = number_problem(grown.template, grown.tracks, grown.sigma, seen)
     problem = replace(
         scale_sigmas(problem, RESECTION_SCALE),
         frame=np.ones(len(seen), dtype=np.int64),
-        step_sigma=np.array([[STEP_ROTATION_RAD, STEP_TRANSLATION_PER_RANGE * grown.max_range_m]]),
+        step_sigma=grown.template.step_sigma,
         elevation_sigma_rad=np.inf,
         point_sigma_m=POINT_SIGMA_PER_RANGE * grown.max_range_m,
         cauchy_sigmas=RESECTION_CAUCHY_SIGMAS,
@@ -194,7 +200,7 @@ def _adjust_frames(grown: IncrementalMap, first: int, last: int) -> None:
     now = tracks.frame <= last
     in_window = np.bincount(tracks.track[now & (tracks.frame >= first)], minlength=tracks.count) > 0
     used = np.flatnonzero(now & in_window[tracks.track])
-    problem, frames, points = number_problem(grown.template, tracks, grown.sigma, used, grown.max_range_m)
+    problem, frames, points = number_problem(grown.template, tracks, grown.sigma, used)
     free = frames > max(first, int(frames[0]))
     found = adjust_narrowing(problem, grown.world_from_sonar[frames], grown.xyz_m[points], free)
     grown.world_from_sonar[frames], grown.xyz_m[points] = found.world_from_sonar, found.xyz_m

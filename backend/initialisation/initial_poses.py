@@ -149,12 +149,12 @@ def initialise_from_tracks(
     readings = navigation.depth_attitude.z_roll_pitch
     first_pose = level_pose(readings[0]) if len(readings) else np.eye(4)
     poses, supported = planar_odometry(tracks, len(sequence), first_pose, sequence.vehicle_from_sonar, rng)
-    typical = _typical_step(poses, supported)
+    max_range_m = float(sequence.sonar.range_edges_m[-1])
+    typical = np.maximum(_typical_step(poses, supported), [MIN_PRIOR_SIGMA, MIN_PRIOR_SIGMA * max_range_m])
     if not len(readings):
         lever_arm = sequence.vehicle_from_sonar
-        poses = search_poses(tracks, poses @ lever_arm, sequence.sonar, config.noise, rng) @ invert(lever_arm)
-    max_range_m = float(sequence.sonar.range_edges_m[-1])
-    sigma = config.backend.motion_prior_factor * np.maximum(typical, [MIN_PRIOR_SIGMA, MIN_PRIOR_SIGMA * max_range_m])
+        poses = search_poses(tracks, poses @ lever_arm, typical, sequence.sonar, config.noise, rng) @ invert(lever_arm)
+    sigma = config.backend.motion_prior_factor * typical
     stationary = np.repeat(poses[:1], len(poses), axis=0)
     step_sigma = np.tile(sigma, (len(poses) - 1, 1))
     sensors = sensor_constraints(sequence, navigation, stationary, step_sigma, measured=False)

@@ -20,10 +20,10 @@ from asfm.backend.initialisation.incremental_mapping import (
     grow_map,
     number_problem,
 )
-from asfm.backend.initialisation.planar_odometry import MIN_SHARED
+from asfm.backend.initialisation.planar_odometry import MIN_SHARED, TOLERANCE_PER_RANGE
 from asfm.config import NoiseConfig
 from asfm.geometry.feature_noise import observation_sigma
-from asfm.geometry.poses import invert, make_pose
+from asfm.geometry.poses import invert, make_pose, steps_between
 from asfm.geometry.sonar import SonarModel
 from asfm.types import FloatArray, IntArray, Tracks
 
@@ -37,6 +37,8 @@ CLEARLY_BETTER = 0.9
 """Cost of a grown map over that of the relaxed poses from which on it is taken."""
 STRETCH_FRAMES, MIN_STRETCH_VIEWS, MIN_STRETCH_OBSERVATIONS = 8, 4, 40
 """Length of the short stretches, and the tracks and stretches that are used."""
+STEP_FACTOR = 3.0
+"""Standard deviation of a step in the search over the typical one: weak, but it holds frames with few tracks."""
 MEDIAN_TO_SIGMA = 1.4826
 """Standard deviation of a Gaussian variable over the median of its magnitude."""
 
@@ -52,19 +54,26 @@ class _Fit:
 
 
 def search_poses(
-    tracks: Tracks, planar_world_from_sonar: FloatArray, sonar: SonarModel, noise: NoiseConfig, rng: np.random.Generator
+    tracks: Tracks,
+    planar_world_from_sonar: FloatArray,
+    typical_step: FloatArray,
+    sonar: SonarModel,
+    noise: NoiseConfig,
+    rng: np.random.Generator,
 ) -> FloatArray:
     """Search sonar poses in six degrees of freedom.
 
     Args:
         tracks: built without known poses.
         planar_world_from_sonar: (N, 4, 4) poses of the planar odometry.
+        typical_step: (2,) rotation in rad and translation in m, each axis, of a typical step.
         sonar: gives range and aperture.
         noise: standard deviations of features without their own.
         rng: draws the elevations at which points begin.
 
     Returns:
-        (N, 4, 4) poses; the first one is that of the planar odometry. Too few tracks leave it as it is.
+        (N, 4, 4) poses, the first one that of the planar odometry. Those of the planar odometry where there are too few
+        tracks, or where no fit keeps its steps.
     """
     tracks = select_tracks(tracks, len(planar_world_from_sonar))
     if tracks.count < MIN_SHARED:
@@ -72,12 +81,15 @@ def search_poses(
     sigma = observation_sigma(tracks, sonar, noise)
     half_rad, max_range_m = sonar.elevation_aperture_rad / 2, float(sonar.range_edges_m[-1])
     local = invert(planar_world_from_sonar[0]) @ planar_world_from_sonar
-    start = IncrementalMap(tracks, sigma, empty_problem(half_rad), max_range_m, local)
+    template = empty_problem(half_rad, STEP_FACTOR * typical_step)
+    start = IncrementalMap(tracks, sigma, template, max_range_m, local)
     best = _relax(start, local, rng)
-    if measure_misfit(start, best, rng) > MAX_MISFIT:
-        grown = grow_map(tracks, sigma, len(local), half_rad, max_range_m, rng)
-        other = _relax(start, grown, rng)
-        best = other if other.cost < CLEARLY_BETTER * best.cost else best
+    if not _steps_agree(local, best, max_range_m) or measure_misfit(start, best, rng) > MAX_MISFIT:
+        grown = _relax(start, grow_map(tracks, sigma, len(local), template, max_range_m, rng), rng)
+        better = grown.cost < CLEARLY_BETTER * best.cost or not _steps_agree(local, best, max_range_m)
+        best = grown if better else best
+    if not _steps_agree(local, best, max_range_m):
+        return planar_world_from_sonar
     found = planar_world_from_sonar[0] @ invert(best.world_from_sonar[0]) @ best.world_from_sonar
     return make_pose(found[:, :3, 3], Rotation.from_matrix(found[:, :3, :3]))
 
@@ -127,6 +139,17 @@ def measure_misfit(start: IncrementalMap, fit: _Fit, rng: np.random.Generator) -
     return float(np.max(fit.noise / np.maximum(within, 1e-9)))
 
 
+def _steps_agree(planar_world_from_sonar: FloatArray, fit: _Fit, max_range_m: float) -> bool:
+    """Tell whether a fit keeps every step of the planar odometry in its plane.
+
+    Between neighbouring frames the planar motion is nearly right, and wrong matches are a minority. In a scene that
+    repeats itself they may become the majority among all frames, and tear the map.
+    """
+    difference = invert(steps_between(planar_world_from_sonar)) @ steps_between(fit.world_from_sonar)
+    moved_m = np.linalg.norm(difference[:, :2, 3], axis=1)
+    return bool((moved_m <= TOLERANCE_PER_RANGE * max_range_m).all())
+
+
 def robust_sigma(residual: FloatArray) -> FloatArray:
     """Return the (2,) standard deviations of (O, 2) residuals from their medians, which outliers do not move."""
     return np.asarray(MEDIAN_TO_SIGMA * np.median(np.abs(residual), axis=0))
@@ -137,7 +160,7 @@ def _relax(start: IncrementalMap, world_from_sonar: FloatArray, rng: np.random.G
     relaxed = replace(start, world_from_sonar=world_from_sonar.copy())
     adjust_in_windows(relaxed, rng)
     everything = np.arange(len(start.tracks))
-    problem, frames, points = number_problem(start.template, start.tracks, start.sigma, everything, start.max_range_m)
+    problem, frames, points = number_problem(start.template, start.tracks, start.sigma, everything)
     poses, xyz_m = relaxed.world_from_sonar[frames], relaxed.xyz_m[points]
     cost = adjust_dense(problem, poses, xyz_m, np.zeros(len(frames), dtype=bool), iterations=0).cost
     noise = robust_sigma(whiten(problem, poses, xyz_m))
@@ -148,7 +171,7 @@ def _adjust_stretch(
     start: IncrementalMap, world_from_sonar: FloatArray, used: IntArray, rng: np.random.Generator
 ) -> tuple[FloatArray, int]:
     """Adjust the frames and points of some observations: their (O, 2) residuals, and the parameters fitted."""
-    problem, frames, points = number_problem(start.template, start.tracks, start.sigma, used, start.max_range_m)
+    problem, frames, points = number_problem(start.template, start.tracks, start.sigma, used)
     first = used[np.unique(problem.track, return_index=True)[1]]
     poses = world_from_sonar[start.tracks.frame[first]]
     xyz_m = draw_points(start.tracks, first, poses, start.template.half_aperture_rad, rng)

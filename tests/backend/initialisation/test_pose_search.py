@@ -1,0 +1,100 @@
+"""Search of initial poses: roll and pitch are found where planar odometry knows none; wrong matches change nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from asfm.backend.initialisation import pose_search
+from asfm.backend.initialisation.initial_poses import initialise_from_tracks
+from asfm.backend.initialisation.planar_odometry import planar_odometry
+from asfm.backend.initialisation.pose_search import robust_sigma, search_poses, select_tracks
+from asfm.config import BackendConfig, Config, NoiseConfig
+from asfm.navigation.frame_navigation import read_navigation
+from asfm.sequence import Sequence
+from asfm.types import FloatArray, Tracks
+from tests.six_axis_tracks import SONAR, make_path, measure_errors, observe
+from tests.worlds import NO_TRACKS, no_frame
+
+STEP = np.array([0.03, 0.08])
+
+
+def chain(tracks: Tracks, frames: int) -> FloatArray:
+    return planar_odometry(tracks, frames, np.eye(4), np.eye(4), np.random.default_rng(0))[0]
+
+
+def search(tracks: Tracks, planar: FloatArray) -> FloatArray:
+    return search_poses(tracks, planar, STEP, SONAR, NoiseConfig(), np.random.default_rng(0))
+
+
+def test_roll_and_pitch_are_found() -> None:
+    truth = make_path(40)
+    tracks = observe(truth)
+    planar = chain(tracks, 40)
+    found = search(tracks, planar)
+    assert measure_errors(planar, truth)[1] > 2.0
+    position_m, rotation_deg = measure_errors(found, truth)
+    assert position_m < 0.03
+    assert rotation_deg < 0.6
+    np.testing.assert_allclose(found[0], planar[0], atol=1e-12)
+
+
+def test_pipeline_starts_from_the_search_without_other_sensors() -> None:
+    truth = make_path(30)
+    tracks = replace(observe(truth), keypoint=None)
+    sequence = Sequence("six axes", SONAR, np.arange(30) / 5, no_frame)
+    navigation = read_navigation(sequence, BackendConfig())
+    start = initialise_from_tracks(navigation, sequence, tracks, Config(), np.random.default_rng(0))
+    assert measure_errors(start.world_from_vehicle, truth)[1] < 1.0
+
+
+def test_misfit_is_measured_against_short_stretches() -> None:
+    truth = make_path(40, turn_deg=5.0)
+    tracks = observe(truth)
+    local = chain(tracks, 40)
+    start = pose_search.IncrementalMap(
+        tracks, np.asarray(tracks.sigma), pose_search.empty_problem(np.deg2rad(10), 3 * STEP), 6.0, local
+    )
+    rng = np.random.default_rng(0)
+    right = pose_search._relax(start, truth, rng)
+    wrong = replace(right, noise=3 * right.noise)
+    assert pose_search.measure_misfit(start, right, rng) < pose_search.MAX_MISFIT
+    assert pose_search.measure_misfit(start, wrong, rng) > pose_search.MAX_MISFIT
+
+
+def test_tracks_of_a_scene_that_repeats_itself_do_not_tear_the_map() -> None:
+    """Most long tracks jump to other points after some frames; matches between neighbours are mostly right."""
+    truth = make_path(30, turn_deg=0.5)
+    tracks = observe(truth)
+    planar = chain(tracks, 30)
+    half = np.unique(tracks.track)[::2]
+    other = dict(zip(half.tolist(), np.roll(half, 7).tolist(), strict=True))
+    late = (tracks.frame > 15) & np.isin(tracks.track, half)
+    moved = np.where(late, [other.get(track, track) for track in tracks.track.tolist()], tracks.track)
+    order = np.lexsort((tracks.frame, moved))
+    torn = replace(tracks.select(order), track=moved[order])
+    found = search(torn, planar)
+    error_m = measure_errors(found, truth)[0]
+    assert error_m < 1.5 * measure_errors(planar, truth)[0] + 0.02
+
+
+def test_too_few_tracks_leave_the_poses_as_they_are() -> None:
+    planar = make_path(6)
+    np.testing.assert_array_equal(search(NO_TRACKS, planar), planar)
+
+
+def test_longest_tracks_of_crowded_frames_are_selected(monkeypatch: pytest.MonkeyPatch) -> None:
+    lengths = np.array([2, 3, 8, 8, 8, 5, 4])
+    track = np.repeat(np.arange(7), lengths)
+    frame = np.concatenate([np.arange(length) for length in lengths])
+    tracks = Tracks(track, frame, np.ones(len(track)), np.zeros(len(track)))
+    everything = select_tracks(tracks, 8)
+    assert np.bincount(everything.track).tolist() == [3, 8, 8, 8, 5, 4]
+    monkeypatch.setattr(pose_search, "TRACKS_PER_FRAME", 3)
+    assert np.bincount(select_tracks(tracks, 8).track).tolist() == [8, 8, 8]
+
+
+def test_robust_sigma_is_that_of_the_core() -> None:
+    residual = np.random.default_rng(0).normal(size=(20_000, 2)) * [1.0, 3.0]
+    residual[:1000] += 100
+    np.testing.assert_allclose(robust_sigma(residual), [1.0, 3.0], rtol=0.1)
