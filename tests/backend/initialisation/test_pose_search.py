@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from asfm.backend.initialisation import pose_search
+from asfm.backend.initialisation.incremental_mapping import IncrementalMap, empty_problem
 from asfm.backend.initialisation.initial_poses import initialise_from_tracks
 from asfm.backend.initialisation.planar_odometry import planar_odometry
 from asfm.backend.initialisation.pose_search import robust_sigma, search_poses, select_tracks
@@ -52,9 +53,7 @@ def test_misfit_is_measured_against_short_stretches() -> None:
     truth = make_path(40, turn_deg=5.0)
     tracks = observe(truth)
     local = chain(tracks, 40)
-    start = pose_search.IncrementalMap(
-        tracks, np.asarray(tracks.sigma), pose_search.empty_problem(np.deg2rad(10), 3 * STEP), 6.0, local
-    )
+    start = IncrementalMap(tracks, np.asarray(tracks.sigma), empty_problem(np.deg2rad(10), 3 * STEP), 6.0, local)
     rng = np.random.default_rng(0)
     right = pose_search._relax(start, truth, rng)
     wrong = replace(right, noise=3 * right.noise)
@@ -72,7 +71,8 @@ def test_tracks_of_a_scene_that_repeats_itself_do_not_tear_the_map() -> None:
     late = (tracks.frame > 15) & np.isin(tracks.track, half)
     moved = np.where(late, [other.get(track, track) for track in tracks.track.tolist()], tracks.track)
     order = np.lexsort((tracks.frame, moved))
-    torn = replace(tracks.select(order), track=moved[order])
+    sigma = np.asarray(tracks.sigma)[order]
+    torn = Tracks(moved[order], tracks.frame[order], tracks.range_m[order], tracks.bearing_rad[order], sigma)
     found = search(torn, planar)
     error_m = measure_errors(found, truth)[0]
     assert error_m < 1.5 * measure_errors(planar, truth)[0] + 0.02
