@@ -13,6 +13,7 @@ from asfm.backend.initialisation.initial_poses import (
     initialise_from_odometry,
     initialise_from_tracks,
     replace_unreliable_steps,
+    search_from_tracks,
     verify_odometry,
 )
 from asfm.config import Config
@@ -140,7 +141,7 @@ def initialise(
     config: Config,
     clock: StageClock,
 ) -> InitialPoses:
-    """Initialise the poses from odometry, or from planar odometry of the tracks where there is none."""
+    """Initialise the poses from odometry, or from tracks where there is none."""
     with clock.stage("initialisation") as report:
         rng = np.random.default_rng(config.seed)
         start = initialise_from_odometry(navigation, sequence)
@@ -152,6 +153,7 @@ def initialise(
             tracks = build_tracks(keypoints, candidates)
             if start is None:
                 start = initialise_from_tracks(navigation, sequence, tracks, config, rng)
+                start = search_from_tracks(start, sequence, tracks, config, rng)
             else:
                 start = replace_unreliable_steps(start, sequence, tracks, rng)
             report.counts = {"tracks": tracks.count}

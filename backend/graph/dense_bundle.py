@@ -5,14 +5,15 @@ elevation of a point is hardly measured at first, and a Gauss-Newton step along 
 on the elevations, and not on the poses, therefore bounds each step.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import LinAlgError
 from scipy.sparse import csr_array
 
+from asfm.backend.graph.dense_problem import DenseProblem, elevation_sigma, observed_points, whiten
 from asfm.backend.graph.normal_equations import NormalEquations, move_poses
-from asfm.geometry.poses import adjoint, angle_difference, cross_matrix, invert, pose_log, steps_between
+from asfm.geometry.poses import adjoint, cross_matrix, invert, pose_log, steps_between
 from asfm.geometry.sonar import project, project_jacobian
 from asfm.types import BoolArray, FloatArray, IntArray
 
@@ -26,31 +27,6 @@ DAMPING = 1e-9
 """Share of the diagonal added to it at the first radius; it grows with the fourth power of a smaller one."""
 SMALL_GAINS = 2
 """The adjustment ends after so many steps in a row that gain less than the tolerance."""
-
-
-@dataclass(frozen=True)
-class DenseProblem:
-    """Observations of T points from N sonar poses, and weak knowledge of the motion and the elevations."""
-
-    frame: IntArray
-    """(O,) pose of each observation, 0..N-1."""
-    track: IntArray
-    """(O,) point of each observation, 0..T-1; at most one observation of a point in a pose."""
-    range_bearing: FloatArray
-    """(O, 2) range_m and bearing_rad."""
-    sigma: FloatArray
-    """(O, 2) their standard deviations."""
-    step_sigma: FloatArray
-    """(N - 1, 2) standard deviations of rotation in rad and translation in m, each axis, from each pose to the next, of
-    which the mean is no motion; infinite where nothing is known."""
-    half_aperture_rad: float
-    """Half of the elevation aperture."""
-    elevation_sigma_rad: float = np.inf
-    """Standard deviation of a point's elevation, whose mean is the middle of the beam; once per point."""
-    point_sigma_m: float = np.inf
-    """Standard deviation of each point about where it is at the beginning."""
-    cauchy_sigmas: float = np.inf
-    """Scale of the Cauchy kernel on an observation's range and bearing together; infinite for least squares."""
 
 
 @dataclass(frozen=True)
@@ -112,45 +88,23 @@ def adjust_dense(
     return best
 
 
-def scale_sigmas(problem: DenseProblem, factor: float) -> DenseProblem:
-    """Return the problem with the sigmas of its observations multiplied by a factor."""
-    return replace(problem, sigma=problem.sigma * factor)
-
-
-def whiten(problem: DenseProblem, world_from_sonar: FloatArray, xyz_m: FloatArray) -> FloatArray:
-    """Return the (O, 2) residuals of range and bearing in sigmas."""
-    range_m, bearing_rad, _ = project(_in_sonar(problem, world_from_sonar, xyz_m))
-    difference_rad = angle_difference(bearing_rad, problem.range_bearing[:, 1])
-    return np.stack([range_m - problem.range_bearing[:, 0], difference_rad], axis=1) / problem.sigma
-
-
-def _in_sonar(problem: DenseProblem, world_from_sonar: FloatArray, xyz_m: FloatArray) -> FloatArray:
-    pose = world_from_sonar[problem.frame]
-    return np.asarray(((xyz_m[problem.track] - pose[:, :3, 3])[:, None] @ pose[:, :3, :3])[:, 0])
-
-
 def _cost(problem: DenseProblem, world_from_sonar: FloatArray, xyz_m: FloatArray, start_m: FloatArray) -> float:
     square, scale = (whiten(problem, world_from_sonar, xyz_m) ** 2).sum(axis=1), problem.cauchy_sigmas
     total = square.sum() if np.isinf(scale) else scale**2 * np.log1p(square / scale**2).sum()
     if np.isfinite(problem.elevation_sigma_rad):
-        elevation_rad = project(_in_sonar(problem, world_from_sonar, xyz_m))[2]
-        total += ((elevation_rad / _elevation_sigma(problem)) ** 2).sum()
+        elevation_rad = project(observed_points(problem, world_from_sonar, xyz_m))[2]
+        total += ((elevation_rad / elevation_sigma(problem)) ** 2).sum()
     total += (((xyz_m - start_m) / problem.point_sigma_m) ** 2).sum()
     total += ((pose_log(steps_between(world_from_sonar)) / np.repeat(problem.step_sigma, 3, axis=1)) ** 2).sum()
     return float(total / 2)
 
 
-def _elevation_sigma(problem: DenseProblem) -> FloatArray:
-    """Return the (O,) sigmas of the elevation, larger by the root of the views of each point."""
-    return np.asarray(problem.elevation_sigma_rad * np.sqrt(np.bincount(problem.track)[problem.track]))
-
-
 def _linearise(problem: DenseProblem, bundle: DenseBundle) -> _Linearisation:
-    in_sonar = _in_sonar(problem, bundle.world_from_sonar, bundle.xyz_m)
+    in_sonar = observed_points(problem, bundle.world_from_sonar, bundle.xyz_m)
     measured = whiten(problem, bundle.world_from_sonar, bundle.xyz_m)
-    elevation_sigma = _elevation_sigma(problem)
-    sigma = np.column_stack([problem.sigma, elevation_sigma])
-    residual = np.column_stack([measured, project(in_sonar)[2] / elevation_sigma])
+    of_elevation = elevation_sigma(problem)
+    sigma = np.column_stack([problem.sigma, of_elevation])
+    residual = np.column_stack([measured, project(in_sonar)[2] / of_elevation])
     weight = np.ones_like(residual)
     if np.isfinite(problem.cauchy_sigmas):
         weight[:, :2] = 1 / (1 + (measured**2).sum(axis=1, keepdims=True) / problem.cauchy_sigmas**2)

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from asfm.backend.graph.dense_bundle import DenseBundle, DenseProblem, adjust_dense, scale_sigmas
+from asfm.backend.graph.dense_bundle import DenseBundle, adjust_dense
+from asfm.backend.graph.dense_problem import DenseProblem, scale_sigmas
 from asfm.geometry.poses import invert, transform
 from asfm.geometry.sonar import back_project
 from asfm.types import BoolArray, FloatArray, IntArray, Tracks

@@ -134,9 +134,9 @@ def replace_unreliable_steps(
 def initialise_from_tracks(
     navigation: FrameNavigation, sequence: Sequence, tracks: Tracks, config: Config, rng: np.random.Generator
 ) -> InitialPoses:
-    """Initialise the poses from tracks: planar odometry, or a search in six degrees of freedom for a sonar alone.
+    """Initialise the poses from the planar odometry of tracks, with a motion prior as constraints.
 
-    These poses are no measurement, because they are made from the same tracks. Where the tracks do not constrain the
+    The planar odometry is no measurement, as it is made from the same tracks. Where the tracks do not constrain the
     poses, the motion prior does: each step is zero, with sigmas of a few typical steps of the planar odometry.
 
     Args:
@@ -151,14 +151,34 @@ def initialise_from_tracks(
     poses, supported = planar_odometry(tracks, len(sequence), first_pose, sequence.vehicle_from_sonar, rng)
     max_range_m = float(sequence.sonar.range_edges_m[-1])
     typical = np.maximum(_typical_step(poses, supported), [MIN_PRIOR_SIGMA, MIN_PRIOR_SIGMA * max_range_m])
-    if not len(readings):
-        lever_arm = sequence.vehicle_from_sonar
-        poses = search_poses(tracks, poses @ lever_arm, typical, sequence.sonar, config.noise, rng) @ invert(lever_arm)
     sigma = config.backend.motion_prior_factor * typical
     stationary = np.repeat(poses[:1], len(poses), axis=0)
     step_sigma = np.tile(sigma, (len(poses) - 1, 1))
     sensors = sensor_constraints(sequence, navigation, stationary, step_sigma, measured=False)
     return InitialPoses(poses, sensors, np.zeros(len(step_sigma), dtype=bool))
+
+
+def search_from_tracks(
+    initial: InitialPoses, sequence: Sequence, tracks: Tracks, config: Config, rng: np.random.Generator
+) -> InitialPoses:
+    """Search the poses in six degrees of freedom, from those of the planar odometry.
+
+    With odometry, depth or attitude the initial poses are returned as they are: roll, pitch and height are measured.
+
+    Args:
+        initial: of :func:`initialise_from_tracks`.
+        sequence: gives the sonar and its lever arm.
+        tracks: built without known poses.
+        config: sections ``noise`` and ``backend``.
+        rng: draws the elevations at which points begin.
+    """
+    sensors, lever_arm = initial.sensors, sequence.vehicle_from_sonar
+    if sensors.measured or len(sensors.z_roll_pitch) or not len(sensors.steps):
+        return initial
+    typical_step = sensors.step_sigma[0] / config.backend.motion_prior_factor
+    planar = initial.world_from_vehicle @ lever_arm
+    found = search_poses(tracks, planar, typical_step, sequence.sonar, config.noise, rng)
+    return replace(initial, world_from_vehicle=found @ invert(lever_arm))
 
 
 def _typical_step(world_from_vehicle: FloatArray, supported: BoolArray) -> FloatArray:

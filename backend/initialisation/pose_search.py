@@ -1,8 +1,8 @@
 """Search of initial poses for a sonar alone: planar odometry relaxed in six degrees of freedom, or a map grown anew.
 
-Planar odometry knows no roll, pitch or height. Relaxed with sigmas that are wide at first it mostly finds them; where
-its fit stays worse than that of short stretches by themselves, it has stopped in a wrong local optimum, and a map is
-grown frame by frame. The better fit is taken.
+Planar odometry knows no roll, pitch or height. It is kept where it fits nearly as well as short stretches of frames by
+themselves. Elsewhere it is relaxed with sigmas that are wide at first; where the fit stays worse, it has stopped in a
+wrong local optimum, and a map is grown frame by frame. The better fit is taken.
 """
 
 from dataclasses import dataclass, replace
@@ -10,7 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from asfm.backend.graph.dense_bundle import adjust_dense, whiten
+from asfm.backend.estimation.triangulation import Gate, triangulate_tracks
+from asfm.backend.graph.dense_bundle import adjust_dense
+from asfm.backend.graph.dense_problem import whiten
 from asfm.backend.initialisation.incremental_mapping import (
     IncrementalMap,
     adjust_in_windows,
@@ -31,12 +33,17 @@ MIN_VIEWS = 3
 """Shorter tracks are not used."""
 TRACKS_PER_FRAME = 120
 """Tracks used of a frame, the longest ones: a few hundred make the search slow and not better."""
-MAX_MISFIT = 1.15
+MAX_PLANAR_MISFIT = 1.8
+"""Residuals of the planar odometry over those of short stretches at which it is near enough to the truth: weakly
+observed roll and pitch are better left at zero, and the rounds of the adjustment find what the measurements hold."""
+MAX_MISFIT = 1.02
 """Residuals of all frames over those of short stretches at which the relaxed poses are accepted."""
 CLEARLY_BETTER = 0.9
 """Cost of a grown map over that of the relaxed poses from which on it is taken."""
 STRETCH_FRAMES, MIN_STRETCH_VIEWS, MIN_STRETCH_OBSERVATIONS = 8, 4, 40
 """Length of the short stretches, and the tracks and stretches that are used."""
+PLANAR_SIGMA_SCALE, PLANAR_EDGE_RAD = 4.0, 0.05
+"""Factor of the sigmas, and blur of the aperture's edge, with which tracks are triangulated under planar poses."""
 STEP_FACTOR = 3.0
 """Standard deviation of a step in the search over the typical one: weak, but it holds frames with few tracks."""
 MEDIAN_TO_SIGMA = 1.4826
@@ -83,8 +90,13 @@ def search_poses(
     local = invert(planar_world_from_sonar[0]) @ planar_world_from_sonar
     template = empty_problem(half_rad, STEP_FACTOR * typical_step)
     start = IncrementalMap(tracks, sigma, template, max_range_m, local)
+    if measure_misfit(start, local, _planar_noise(start, sonar), rng) <= MAX_PLANAR_MISFIT:
+        return planar_world_from_sonar
     best = _relax(start, local, rng)
-    if not _steps_agree(local, best, max_range_m) or measure_misfit(start, best, rng) > MAX_MISFIT:
+    if (
+        not _steps_agree(local, best, max_range_m)
+        or measure_misfit(start, best.world_from_sonar, best.noise, rng) > MAX_MISFIT
+    ):
         grown = _relax(start, grow_map(tracks, sigma, len(local), template, max_range_m, rng), rng)
         better = grown.cost < CLEARLY_BETTER * best.cost or not _steps_agree(local, best, max_range_m)
         best = grown if better else best
@@ -110,33 +122,44 @@ def select_tracks(tracks: Tracks, frame_count: int) -> Tracks:
     return replace(chosen, track=np.unique(chosen.track, return_inverse=True)[1])
 
 
-def measure_misfit(start: IncrementalMap, fit: _Fit, rng: np.random.Generator) -> float:
-    """Return the noise of a fit over that within short stretches of frames, each adjusted by itself; the larger axis.
+def measure_misfit(
+    start: IncrementalMap, world_from_sonar: FloatArray, noise: FloatArray, rng: np.random.Generator
+) -> float:
+    """Return the noise of poses over that within short stretches of frames, each adjusted by itself; the larger axis.
 
     The few frames of a stretch fit in nearly any state, so that their residuals are the features' own noise.
 
     Args:
         start: gives tracks and sigmas.
-        fit: poses of all frames and their noise.
+        world_from_sonar: (N, 4, 4) poses of all frames, from which each stretch is started.
+        noise: (2,) standard deviations of the residuals of range and bearing with these poses, in sigmas.
         rng: draws the elevations at which points begin.
 
     Returns:
         About 1 for the right poses; 1 where no stretch has enough observations.
     """
     tracks, residual, freedom, count = start.tracks, list[FloatArray](), 0, 0
-    for first in range(0, len(fit.world_from_sonar) - STRETCH_FRAMES + 1, STRETCH_FRAMES):
+    for first in range(0, len(world_from_sonar) - STRETCH_FRAMES + 1, STRETCH_FRAMES):
         used = np.flatnonzero((tracks.frame >= first) & (tracks.frame < first + STRETCH_FRAMES))
         used = used[np.bincount(tracks.track[used])[tracks.track[used]] >= MIN_STRETCH_VIEWS]
         if len(used) < MIN_STRETCH_OBSERVATIONS:
             continue
-        whitened, fitted = _adjust_stretch(start, fit.world_from_sonar, used, rng)
+        whitened, fitted = _adjust_stretch(start, world_from_sonar, used, rng)
         residual.append(whitened)
         freedom += 2 * len(used) - fitted
         count += 2 * len(used)
     if not residual or freedom <= 0:
         return 1.0
     within = robust_sigma(np.concatenate(residual)) / np.sqrt(freedom / count)
-    return float(np.max(fit.noise / np.maximum(within, 1e-9)))
+    return float(np.max(noise / np.maximum(within, 1e-9)))
+
+
+def _planar_noise(start: IncrementalMap, sonar: SonarModel) -> FloatArray:
+    """Return the (2,) robust standard deviations, in sigmas, of tracks triangulated with the start's poses."""
+    gate = Gate(sonar.elevation_aperture_rad / 2, PLANAR_EDGE_RAD)
+    sigma = PLANAR_SIGMA_SCALE * start.sigma
+    found = triangulate_tracks(start.tracks, start.world_from_sonar, sonar, sigma, gate)
+    return PLANAR_SIGMA_SCALE * robust_sigma(found.residual)
 
 
 def _steps_agree(planar_world_from_sonar: FloatArray, fit: _Fit, max_range_m: float) -> bool:

@@ -253,14 +253,14 @@ def _planar_tracks(poses: FloatArray) -> Tracks:
     return Tracks(track, frame, range_m.ravel(), bearing_rad.ravel())
 
 
-def test_planar_motion_of_tracks_is_found_and_the_motion_prior_has_its_step_size() -> None:
+def test_planar_odometry_of_tracks_is_exact_and_the_motion_prior_has_its_step_size() -> None:
     turn = Rotation.from_rotvec(np.outer(0.03 * np.arange(5), [0.0, 0.0, 1.0]))
     truth = make_pose(np.outer(np.arange(5), [0.2, 0.0, 0.0]), turn)
     sequence = _shorten(len(truth), navigation=False)
     initial = initialise_from_tracks(
         read_navigation(sequence, BackendConfig()), sequence, _planar_tracks(truth), Config(), np.random.default_rng(0)
     )
-    np.testing.assert_allclose(initial.world_from_vehicle, truth, atol=2e-3)
+    np.testing.assert_allclose(initial.world_from_vehicle, truth, atol=1e-6)
     np.testing.assert_allclose(initial.sensors.steps, np.tile(np.eye(4), (4, 1, 1)), atol=1e-12)
     factor = Config().backend.motion_prior_factor
     np.testing.assert_allclose(

@@ -7,7 +7,7 @@ import pytest
 
 from asfm.backend.initialisation import pose_search
 from asfm.backend.initialisation.incremental_mapping import IncrementalMap, empty_problem
-from asfm.backend.initialisation.initial_poses import initialise_from_tracks
+from asfm.backend.initialisation.initial_poses import initialise_from_tracks, search_from_tracks
 from asfm.backend.initialisation.planar_odometry import planar_odometry
 from asfm.backend.initialisation.pose_search import robust_sigma, search_poses, select_tracks
 from asfm.config import BackendConfig, Config, NoiseConfig
@@ -40,13 +40,18 @@ def test_roll_and_pitch_are_found() -> None:
     np.testing.assert_allclose(found[0], planar[0], atol=1e-12)
 
 
-def test_pipeline_starts_from_the_search_without_other_sensors() -> None:
+def test_initial_poses_are_searched_only_without_other_sensors() -> None:
     truth = make_path(30)
-    tracks = replace(observe(truth), keypoint=None)
+    tracks = observe(truth)
     sequence = Sequence("six axes", SONAR, np.arange(30) / 5, no_frame)
     navigation = read_navigation(sequence, BackendConfig())
-    start = initialise_from_tracks(navigation, sequence, tracks, Config(), np.random.default_rng(0))
-    assert measure_errors(start.world_from_vehicle, truth)[1] < 1.0
+    planar = initialise_from_tracks(navigation, sequence, tracks, Config(), np.random.default_rng(0))
+    found = search_from_tracks(planar, sequence, tracks, Config(), np.random.default_rng(0))
+    assert measure_errors(planar.world_from_vehicle, truth)[1] > 2.0
+    assert measure_errors(found.world_from_vehicle, truth)[1] < 1.0
+    level = replace(planar.sensors, z_roll_pitch=np.zeros((30, 3)), z_roll_pitch_sigma=np.full((30, 3), 0.01))
+    measured = replace(planar, sensors=level)
+    assert search_from_tracks(measured, sequence, tracks, Config(), np.random.default_rng(0)) is measured
 
 
 def test_misfit_is_measured_against_short_stretches() -> None:
@@ -55,10 +60,16 @@ def test_misfit_is_measured_against_short_stretches() -> None:
     local = chain(tracks, 40)
     start = IncrementalMap(tracks, np.asarray(tracks.sigma), empty_problem(np.deg2rad(10), 3 * STEP), 6.0, local)
     rng = np.random.default_rng(0)
-    right = pose_search._relax(start, truth, rng)
-    wrong = replace(right, noise=3 * right.noise)
-    assert pose_search.measure_misfit(start, right, rng) < pose_search.MAX_MISFIT
-    assert pose_search.measure_misfit(start, wrong, rng) > pose_search.MAX_MISFIT
+    noise = np.array([1.0, 1.0])
+    assert 0.8 < pose_search.measure_misfit(start, truth, noise, rng) < 1.3
+    assert pose_search.measure_misfit(start, truth, 3 * noise, rng) > pose_search.MAX_PLANAR_MISFIT
+
+
+def test_planar_motion_is_left_as_it_is() -> None:
+    truth = make_path(30, turn_deg=0.0)
+    tracks = observe(truth, noise=4.0)
+    planar = chain(tracks, 30)
+    np.testing.assert_array_equal(search(tracks, planar), planar)
 
 
 def test_tracks_of_a_scene_that_repeats_itself_do_not_tear_the_map() -> None:

@@ -1,0 +1,57 @@
+"""Dense bundle adjustment problem: observations of points from sonar poses, weak priors, and whitened residuals."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from asfm.geometry.poses import angle_difference
+from asfm.geometry.sonar import project
+from asfm.types import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class DenseProblem:
+    """Observations of T points from N sonar poses, and weak knowledge of the motion and the elevations."""
+
+    frame: IntArray
+    """(O,) pose of each observation, 0..N-1."""
+    track: IntArray
+    """(O,) point of each observation, 0..T-1; at most one observation of a point in a pose."""
+    range_bearing: FloatArray
+    """(O, 2) range_m and bearing_rad."""
+    sigma: FloatArray
+    """(O, 2) their standard deviations."""
+    step_sigma: FloatArray
+    """(N - 1, 2) standard deviations of rotation in rad and translation in m, each axis, from each pose to the next, of
+    which the mean is no motion; infinite where nothing is known."""
+    half_aperture_rad: float
+    """Half of the elevation aperture."""
+    elevation_sigma_rad: float = np.inf
+    """Standard deviation of a point's elevation, whose mean is the middle of the beam; once per point."""
+    point_sigma_m: float = np.inf
+    """Standard deviation of each point about where it is at the beginning."""
+    cauchy_sigmas: float = np.inf
+    """Scale of the Cauchy kernel on an observation's range and bearing together; infinite for least squares."""
+
+
+def scale_sigmas(problem: DenseProblem, factor: float) -> DenseProblem:
+    """Return the problem with the sigmas of its observations multiplied by a factor."""
+    return replace(problem, sigma=problem.sigma * factor)
+
+
+def whiten(problem: DenseProblem, world_from_sonar: FloatArray, xyz_m: FloatArray) -> FloatArray:
+    """Return the (O, 2) residuals of range and bearing in sigmas."""
+    range_m, bearing_rad, _ = project(observed_points(problem, world_from_sonar, xyz_m))
+    difference_rad = angle_difference(bearing_rad, problem.range_bearing[:, 1])
+    return np.stack([range_m - problem.range_bearing[:, 0], difference_rad], axis=1) / problem.sigma
+
+
+def observed_points(problem: DenseProblem, world_from_sonar: FloatArray, xyz_m: FloatArray) -> FloatArray:
+    """Return the (O, 3) points of the observations in the sonar frames that see them."""
+    pose = world_from_sonar[problem.frame]
+    return np.asarray(((xyz_m[problem.track] - pose[:, :3, 3])[:, None] @ pose[:, :3, :3])[:, 0])
+
+
+def elevation_sigma(problem: DenseProblem) -> FloatArray:
+    """Return the (O,) sigmas of the elevation, larger by the root of the views of each point."""
+    return np.asarray(problem.elevation_sigma_rad * np.sqrt(np.bincount(problem.track)[problem.track]))
