@@ -12,11 +12,13 @@ from asfm.evaluation.reference_jumps import clean_reference
 from asfm.evaluation.trajectory import (
     absolute_errors,
     align_first_pose,
+    align_rotations,
     align_se3,
     pairs_by_distance,
     pairs_by_step,
     path_length_m,
     relative_errors,
+    stationary_error_m,
     summarise,
 )
 from asfm.sequence import Sequence
@@ -24,6 +26,8 @@ from asfm.types import Trajectory
 
 SE3_ALIGNED = "SE(3)-aligned, scale off"
 FIRST_POSE_ALIGNED = "first pose aligned, scale off"
+ROTATIONS_ALIGNED = "rotations aligned by themselves"
+"""Positions on a nearly straight path hardly determine a rotation about it."""
 ATE_RMSE = "ate_rmse_m_se3"
 """Key of the absolute trajectory error, RMSE after SE(3) alignment."""
 ATE_OVER_PATH = "ate_over_path_percent_se3"
@@ -123,6 +127,12 @@ def evaluate_trajectory(groundtruth: Trajectory, odometry: Trajectory | None, es
     rows = [
         EvaluationRow("poses_compared", "poses compared", float(len(pairs)), "poses"),
         EvaluationRow("reference_path_m", "path length of the reference", path_length_m(pairs.reference), "m"),
+        EvaluationRow(
+            "stationary_ate_rmse_m",
+            "ATE RMSE of an estimate that never moves",
+            stationary_error_m(pairs.reference),
+            "m",
+        ),
     ]
     return EvaluationTable((*rows, *_set_beside(_measure(pairs), odometry_rows, comparable)), tuple(notes))
 
@@ -161,6 +171,11 @@ def _absolute_errors(pairs: PosePairs, suffix: str, alignment: str) -> list[Eval
     if path_m > 0:
         key, name = f"ate_over_path_percent_{suffix}", f"ATE RMSE / path length, {alignment}"
         rows.append(EvaluationRow(key, name, 100 * statistics.rmse / path_m, "%"))
+    if suffix == "se3":
+        suffix, alignment = "aligned", ROTATIONS_ALIGNED
+        aligned = pairs.estimate.copy()
+        aligned[:, :3, :3] = align_rotations(pairs.estimate, pairs.reference) @ pairs.estimate[:, :3, :3]
+        rotation_rad = absolute_errors(aligned, pairs.reference)[1]
     rotation_deg = float(np.degrees(summarise(rotation_rad).rmse))
     return [*rows, EvaluationRow(f"rotation_rmse_deg_{suffix}", f"rotation RMSE, {alignment}", rotation_deg, "deg")]
 

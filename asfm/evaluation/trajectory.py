@@ -59,7 +59,7 @@ def align_se3(estimate: FloatArray, reference: FloatArray) -> FloatArray:
     estimate_m, reference_m = estimate[:, :3, 3] - estimate_mean, reference[:, :3, 3] - reference_mean
     left, singular_values, right = np.linalg.svd(reference_m.T @ estimate_m / len(estimate))
     if min(np.abs(estimate_m).max(), np.abs(reference_m).max()) < MIN_EXTENT_M:
-        rotation = _align_orientations(estimate, reference, None)
+        rotation = align_rotations(estimate, reference)
     elif singular_values[1] <= MAX_STRAIGHT_RATIO * singular_values[0]:
         rotation = _align_orientations(estimate, reference, (right[0], left[:, 0]))
     else:
@@ -140,6 +140,25 @@ def _rotation_angle(pose: FloatArray) -> FloatArray:
     from scipy.spatial.transform import Rotation  # slow to load
 
     return np.asarray(Rotation.from_matrix(pose[:, :3, :3]).magnitude())
+
+
+def stationary_error_m(reference: FloatArray) -> float:
+    """Return the ATE of an estimate that never moves: the rms distance of (N, 4, 4) true positions from their mean."""
+    positions_m = reference[:, :3, 3]
+    return float(np.sqrt(((positions_m - positions_m.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
+def align_rotations(estimate: FloatArray, reference: FloatArray) -> FloatArray:
+    """Align orientations by the least-squares rotation, whatever the positions (Wahba 1965).
+
+    Args:
+        estimate: (N, 4, 4), N >= 1.
+        reference: (N, 4, 4).
+
+    Returns:
+        (3, 3) reference_world_from_estimated_world.
+    """
+    return _align_orientations(estimate, reference, None)
 
 
 def _align_orientations(

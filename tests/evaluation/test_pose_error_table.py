@@ -69,7 +69,7 @@ def test_ratio_is_the_estimate_over_the_odometry() -> None:
     table = evaluate_trajectory(walk(), walk(1, sigma_m=0.4), walk(2, sigma_m=0.1))
     assert_json_holds(table)
     assert table.notes == ()
-    for row in table.rows[2:]:
+    for row in table.rows[3:]:
         assert row.odometry is not None
         assert row.ratio is not None
         assert row.ratio == pytest.approx(row.value / row.odometry)
@@ -82,7 +82,11 @@ def test_every_pose_error_states_alignment_and_scale() -> None:
     table = evaluate_trajectory(walk(), walk(1, sigma_m=0.4), walk(2, sigma_m=0.1))
     for row in table.rows:
         if row.key.startswith(("ate_", "rotation_")):
-            alignments = {"_se3": "SE(3)-aligned, scale off", "_first_pose": "first pose aligned, scale off"}
+            alignments = {
+                "_se3": "SE(3)-aligned, scale off",
+                "_first_pose": "first pose aligned, scale off",
+                "_aligned": "rotations aligned by themselves",
+            }
             assert [name for suffix, name in alignments.items() if row.key.endswith(suffix) and name in row.name]
         if row.key.startswith("rpe_"):
             assert "scale off" in row.name
@@ -93,11 +97,33 @@ def test_keys_are_stable() -> None:
     """Programs read these from evaluation.json."""
     table = evaluate_trajectory(walk(), None, walk(2, sigma_m=0.1))
     absolute = ["ate_rmse_m", "ate_mean_m", "ate_median_m", "ate_max_m", "ate_over_path_percent", "rotation_rmse_deg"]
-    expected = ["poses_compared", "reference_path_m", *(f"{key}_se3" for key in absolute)]
+    expected = ["poses_compared", "reference_path_m", "stationary_ate_rmse_m"]
+    expected += [*(f"{key}_se3" for key in absolute[:-1]), "rotation_rmse_deg_aligned"]
     expected += [f"{key}_first_pose" for key in absolute]
     expected += ["rpe_translation_rmse_m_frame", "rpe_rotation_rmse_deg_frame"]
     expected += ["rpe_translation_rmse_m_segment", "rpe_rotation_rmse_deg_segment"]
     assert [row.key for row in table.rows] == expected
+
+
+def test_rotations_do_not_depend_on_a_path_that_is_nearly_a_line() -> None:
+    """Noise across the line turns the alignment of the positions about it, but not the vehicle."""
+    truth = walk(count=60)
+    line = truth.world_from_vehicle.copy()
+    line[:, :3, 3] = np.outer(np.linspace(0, 1, 60), [1.0, 0.0, 0.0])
+    line[:, 1:3, 3] += 1e-3 * np.random.default_rng(0).normal(size=(60, 2))
+    shaken = line.copy()
+    shaken[:, 1:3, 3] += 1e-2 * np.random.default_rng(1).normal(size=(60, 2))
+    table = evaluate_trajectory(
+        replace(truth, world_from_vehicle=line), None, replace(truth, world_from_vehicle=shaken)
+    )
+    assert table.row("rotation_rmse_deg_aligned").value < 1e-4
+
+
+def test_standing_still_scores_the_spread_of_the_path() -> None:
+    truth = walk(count=40)
+    still = replace(truth, world_from_vehicle=np.repeat(truth.world_from_vehicle[:1], 40, axis=0))
+    table = evaluate_trajectory(truth, None, still)
+    assert table.row("stationary_ate_rmse_m").value == pytest.approx(table.row(ATE_RMSE).value)
 
 
 def test_errors_are_the_noise_added() -> None:
