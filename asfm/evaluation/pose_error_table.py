@@ -22,7 +22,7 @@ from asfm.evaluation.trajectory import (
     summarise,
 )
 from asfm.sequence import Sequence
-from asfm.types import Trajectory
+from asfm.types import FloatArray, Trajectory
 
 SE3_ALIGNED = "SE(3)-aligned, scale off"
 FIRST_POSE_ALIGNED = "first pose aligned, scale off"
@@ -149,35 +149,38 @@ def _pair_odometry(pairs: PosePairs, odometry: Trajectory | None) -> PosePairs |
 
 
 def _measure(pairs: PosePairs) -> list[EvaluationRow]:
+    aligned, from_first = (
+        align(pairs.estimate, pairs.reference) @ pairs.estimate for align in (align_se3, align_first_pose)
+    )
+    turned = pairs.estimate.copy()
+    turned[:, :3, :3] = align_rotations(turned, pairs.reference) @ turned[:, :3, :3]
     return [
-        *_absolute_errors(pairs, "se3", SE3_ALIGNED),
-        *_absolute_errors(pairs, "first_pose", FIRST_POSE_ALIGNED),
+        *_position_errors(aligned, pairs.reference, "se3", SE3_ALIGNED),
+        _rotation_error(turned, pairs.reference, "aligned", ROTATIONS_ALIGNED),
+        *_position_errors(from_first, pairs.reference, "first_pose", FIRST_POSE_ALIGNED),
+        _rotation_error(from_first, pairs.reference, "first_pose", FIRST_POSE_ALIGNED),
         *_relative_errors(pairs),
     ]
 
 
-def _absolute_errors(pairs: PosePairs, suffix: str, alignment: str) -> list[EvaluationRow]:
-    align = align_se3 if suffix == "se3" else align_first_pose
-    aligned = align(pairs.estimate, pairs.reference) @ pairs.estimate
-    translation_m, rotation_rad = absolute_errors(aligned, pairs.reference)
-    statistics = summarise(translation_m)
+def _position_errors(aligned: FloatArray, reference: FloatArray, suffix: str, alignment: str) -> list[EvaluationRow]:
+    statistics = summarise(absolute_errors(aligned, reference)[0])
     rows = [
         EvaluationRow(f"ate_rmse_m_{suffix}", f"ATE RMSE, {alignment}", statistics.rmse, "m"),
         EvaluationRow(f"ate_mean_m_{suffix}", f"ATE mean, {alignment}", statistics.mean, "m"),
         EvaluationRow(f"ate_median_m_{suffix}", f"ATE median, {alignment}", statistics.median, "m"),
         EvaluationRow(f"ate_max_m_{suffix}", f"ATE max, {alignment}", statistics.max, "m"),
     ]
-    path_m = path_length_m(pairs.reference)
+    path_m = path_length_m(reference)
     if path_m > 0:
         key, name = f"ate_over_path_percent_{suffix}", f"ATE RMSE / path length, {alignment}"
         rows.append(EvaluationRow(key, name, 100 * statistics.rmse / path_m, "%"))
-    if suffix == "se3":
-        suffix, alignment = "aligned", ROTATIONS_ALIGNED
-        aligned = pairs.estimate.copy()
-        aligned[:, :3, :3] = align_rotations(pairs.estimate, pairs.reference) @ pairs.estimate[:, :3, :3]
-        rotation_rad = absolute_errors(aligned, pairs.reference)[1]
-    rotation_deg = float(np.degrees(summarise(rotation_rad).rmse))
-    return [*rows, EvaluationRow(f"rotation_rmse_deg_{suffix}", f"rotation RMSE, {alignment}", rotation_deg, "deg")]
+    return rows
+
+
+def _rotation_error(aligned: FloatArray, reference: FloatArray, suffix: str, alignment: str) -> EvaluationRow:
+    rotation_deg = float(np.degrees(summarise(absolute_errors(aligned, reference)[1]).rmse))
+    return EvaluationRow(f"rotation_rmse_deg_{suffix}", f"rotation RMSE, {alignment}", rotation_deg, "deg")
 
 
 def _relative_errors(pairs: PosePairs) -> list[EvaluationRow]:

@@ -61,7 +61,7 @@ def align_se3(estimate: FloatArray, reference: FloatArray) -> FloatArray:
     if min(np.abs(estimate_m).max(), np.abs(reference_m).max()) < MIN_EXTENT_M:
         rotation = align_rotations(estimate, reference)
     elif singular_values[1] <= MAX_STRAIGHT_RATIO * singular_values[0]:
-        rotation = _align_orientations(estimate, reference, (right[0], left[:, 0]))
+        rotation = align_rotations(estimate, reference, (right[0], left[:, 0]))
     else:
         handedness = np.sign(np.linalg.det(left) * np.linalg.det(right))
         rotation = left @ np.diag([1.0, 1.0, handedness]) @ right
@@ -148,23 +148,19 @@ def stationary_error_m(reference: FloatArray) -> float:
     return float(np.sqrt(((positions_m - positions_m.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
-def align_rotations(estimate: FloatArray, reference: FloatArray) -> FloatArray:
+def align_rotations(
+    estimate: FloatArray, reference: FloatArray, line: tuple[FloatArray, FloatArray] | None = None
+) -> FloatArray:
     """Align orientations by the least-squares rotation, whatever the positions (Wahba 1965).
 
     Args:
         estimate: (N, 4, 4), N >= 1.
         reference: (N, 4, 4).
+        line: (3,) estimated and (3,) true direction of a line that is aligned exactly.
 
     Returns:
         (3, 3) reference_world_from_estimated_world.
     """
-    return _align_orientations(estimate, reference, None)
-
-
-def _align_orientations(
-    estimate: FloatArray, reference: FloatArray, line: tuple[FloatArray, FloatArray] | None
-) -> FloatArray:
-    """Align the mean orientation; a line, given as (estimated, true) direction, has infinite weight."""
     from scipy.spatial.transform import Rotation  # slow to load
 
     targets = np.swapaxes(reference[:, :3, :3], 1, 2).reshape(-1, 3)

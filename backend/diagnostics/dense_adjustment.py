@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import LinAlgError
-from scipy.sparse import csr_array
 
 from asfm.backend.diagnostics.linearised_residuals import (
     ResidualBlock,
@@ -18,10 +17,10 @@ from asfm.backend.diagnostics.linearised_residuals import (
 )
 from asfm.backend.estimation.solution import Solution
 from asfm.backend.graph.factors import CAUCHY_SIGMAS, HUBER_SIGMAS
-from asfm.backend.graph.normal_equations import NormalEquations, move_poses
+from asfm.backend.graph.normal_equations import NormalEquations, move_poses, summation_matrix
 from asfm.geometry.poses import invert, transform
 from asfm.geometry.sonar import project, project_jacobian
-from asfm.types import FloatArray, IntArray
+from asfm.types import FloatArray
 
 MAX_STEPS = 20
 RELATIVE_TOLERANCE = 2e-3
@@ -100,7 +99,7 @@ def _normal_equations(blocks: tuple[ResidualBlock, ...], frames: int, tracks: in
     by_point = np.concatenate([sonar.by_point, aperture.by_point], axis=1)
     weight = np.concatenate([sonar.weight, aperture.weight], axis=1)[:, None]
     residual = np.concatenate([sonar.residual, aperture.residual], axis=1)[:, :, None]
-    of_frame, of_track = _summation(sonar.frame, frames), _summation(sonar.track, tracks)
+    of_frame, of_track = summation_matrix(sonar.frame, frames), summation_matrix(sonar.track, tracks)
     pose_weighted, point_weighted = np.swapaxes(by_pose, 1, 2) * weight, np.swapaxes(by_point, 1, 2) * weight
     poses, mixed = np.zeros((frames, frames, 6, 6)), np.zeros((frames, tracks, 6, 3))
     diagonal = np.arange(frames)
@@ -119,11 +118,6 @@ def _normal_equations(blocks: tuple[ResidualBlock, ...], frames: int, tracks: in
         mixed=mixed.swapaxes(1, 2).reshape(6 * frames, 3 * tracks),
         points=(of_track @ (point_weighted @ by_point).reshape(-1, 9)).reshape(-1, 3, 3),
     )
-
-
-def _summation(group: IntArray, count: int) -> csr_array:
-    """Return the (G, M) matrix that sums values by their (M,) group."""
-    return csr_array((np.ones(len(group)), (group, np.arange(len(group)))), shape=(count, len(group)))
 
 
 def _linearise_aperture(solution: Solution, sonar: ResidualBlock) -> ResidualBlock:

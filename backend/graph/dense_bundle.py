@@ -9,17 +9,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import LinAlgError
-from scipy.sparse import csr_array
 
-from asfm.backend.graph.dense_problem import DenseProblem, elevation_sigma, observed_points, whiten
-from asfm.backend.graph.normal_equations import NormalEquations, move_poses
+from asfm.backend.graph.dense_problem import DenseProblem, all_sigmas, observed_points, whiten_observed
+from asfm.backend.graph.normal_equations import NormalEquations, move_poses, summation_matrix
 from asfm.geometry.poses import adjoint, cross_matrix, invert, pose_log, steps_between
-from asfm.geometry.sonar import project, project_jacobian
-from asfm.types import BoolArray, FloatArray, IntArray
+from asfm.geometry.sonar import project_jacobian
+from asfm.types import BoolArray, FloatArray
 
 TRUST_RADIUS = 1.0
 """First radius of the trust region on elevations, in half apertures."""
-TRUST_RADII = 1e-4, 300.0
+TRUST_RADII_RAD = 1e-4, 300.0
 """Radius at which no step is found any more, and the largest one."""
 GROWTH, SHRINKAGE = 2.0, 3.0
 """Factors of the radius after a step that lowers the cost, and after one that does not."""
@@ -49,6 +48,8 @@ class _Linearisation:
     """(O, 3) range, bearing and elevation in sigmas."""
     by_point: FloatArray
     """(O, 3, 3) derivative by the point in the sonar frame."""
+    elevation_by_point: FloatArray
+    """(O, 3) derivative of the elevation in rad by the point in the sonar frame."""
     weight: FloatArray
     """(O, 3)"""
 
@@ -71,14 +72,13 @@ def adjust_dense(
         iterations: steps at most.
         tolerance: relative gain of a step that counts as small.
     """
-    start_m, radius, small = xyz_m, TRUST_RADIUS * problem.half_aperture_rad, 0
+    start_m, radius_rad, small = xyz_m, _first_radius_rad(problem), 0
     best = DenseBundle(world_from_sonar, xyz_m, _cost(problem, world_from_sonar, xyz_m, start_m))
     for _ in range(iterations):
-        system, of_elevation = _normal_equations(problem, best, start_m, free)
-        found = None
-        while found is None and radius > TRUST_RADII[0]:
-            found = _try_step(problem, best, (system, of_elevation), start_m, free, radius)
-            radius = radius / SHRINKAGE if found is None else min(radius * GROWTH, TRUST_RADII[1])
+        system, found = _normal_equations(problem, best, start_m, free), None
+        while found is None and radius_rad > TRUST_RADII_RAD[0]:
+            found = _try_step(problem, best, system, start_m, free, radius_rad)
+            radius_rad = radius_rad / SHRINKAGE if found is None else min(radius_rad * GROWTH, TRUST_RADII_RAD[1])
         if found is None:
             break
         small = small + 1 if best.cost - found.cost < tolerance * best.cost else 0
@@ -88,12 +88,15 @@ def adjust_dense(
     return best
 
 
+def _first_radius_rad(problem: DenseProblem) -> float:
+    return TRUST_RADIUS * problem.half_aperture_rad
+
+
 def _cost(problem: DenseProblem, world_from_sonar: FloatArray, xyz_m: FloatArray, start_m: FloatArray) -> float:
-    square, scale = (whiten(problem, world_from_sonar, xyz_m) ** 2).sum(axis=1), problem.cauchy_sigmas
-    total = square.sum() if np.isinf(scale) else scale**2 * np.log1p(square / scale**2).sum()
-    if np.isfinite(problem.elevation_sigma_rad):
-        elevation_rad = project(observed_points(problem, world_from_sonar, xyz_m))[2]
-        total += ((elevation_rad / elevation_sigma(problem)) ** 2).sum()
+    squares = whiten_observed(problem, observed_points(problem, world_from_sonar, xyz_m)) ** 2
+    measured, scale = squares[:, :2].sum(axis=1), problem.cauchy_sigmas
+    total = measured.sum() if np.isinf(scale) else scale**2 * np.log1p(measured / scale**2).sum()
+    total += squares[:, 2].sum()
     total += (((xyz_m - start_m) / problem.point_sigma_m) ** 2).sum()
     total += ((pose_log(steps_between(world_from_sonar)) / np.repeat(problem.step_sigma, 3, axis=1)) ** 2).sum()
     return float(total / 2)
@@ -101,14 +104,11 @@ def _cost(problem: DenseProblem, world_from_sonar: FloatArray, xyz_m: FloatArray
 
 def _linearise(problem: DenseProblem, bundle: DenseBundle) -> _Linearisation:
     in_sonar = observed_points(problem, bundle.world_from_sonar, bundle.xyz_m)
-    measured = whiten(problem, bundle.world_from_sonar, bundle.xyz_m)
-    of_elevation = elevation_sigma(problem)
-    sigma = np.column_stack([problem.sigma, of_elevation])
-    residual = np.column_stack([measured, project(in_sonar)[2] / of_elevation])
+    residual, jacobian = whiten_observed(problem, in_sonar), project_jacobian(in_sonar)
     weight = np.ones_like(residual)
     if np.isfinite(problem.cauchy_sigmas):
-        weight[:, :2] = 1 / (1 + (measured**2).sum(axis=1, keepdims=True) / problem.cauchy_sigmas**2)
-    return _Linearisation(in_sonar, residual, project_jacobian(in_sonar) / sigma[:, :, None], weight)
+        weight[:, :2] = 1 / (1 + (residual[:, :2] ** 2).sum(axis=1, keepdims=True) / problem.cauchy_sigmas**2)
+    return _Linearisation(in_sonar, residual, jacobian / all_sigmas(problem)[:, :, None], jacobian[:, 2], weight)
 
 
 def _normal_equations(
@@ -121,7 +121,7 @@ def _normal_equations(
     sonar_from_world = np.swapaxes(poses[problem.frame, :3, :3], 1, 2)
     by_point = linear.by_point @ sonar_from_world
     weighted = np.swapaxes(by_point * linear.weight[:, :, None], 1, 2)
-    of_track = _summation(problem.track, points)
+    of_track = summation_matrix(problem.track, points)
     own = (of_track @ (weighted @ by_point).reshape(-1, 9)).reshape(-1, 3, 3) + np.eye(3) / problem.point_sigma_m**2
     by_points = of_track @ (weighted @ linear.residual[:, :, None])[:, :, 0]
     by_points += (bundle.xyz_m - start_m) / problem.point_sigma_m**2
@@ -130,7 +130,7 @@ def _normal_equations(
     in_sonar, derivative = linear.in_sonar[moved], linear.by_point[moved]
     by_pose = np.concatenate([derivative @ cross_matrix(in_sonar), -derivative], axis=2)
     pose_weighted = np.swapaxes(by_pose * linear.weight[moved][:, :, None], 1, 2)
-    of_frame = _summation(frame, count)
+    of_frame = summation_matrix(frame, count)
     mixed = np.zeros((count, points, 6, 3))
     mixed[frame, track] = pose_weighted @ by_point[moved]
     information, by_poses = _motion_prior(problem, poses, free)
@@ -145,7 +145,7 @@ def _normal_equations(
         points=own,
     )
     views = np.bincount(problem.track, minlength=points)[problem.track]
-    elevation = (project_jacobian(linear.in_sonar)[:, 2:] @ sonar_from_world)[:, 0] / np.sqrt(views)[:, None]
+    elevation = (linear.elevation_by_point[:, None] @ sonar_from_world)[:, 0] / np.sqrt(views)[:, None]
     squares = (of_track @ (elevation[:, :, None] * elevation[:, None, :]).reshape(-1, 9)).reshape(-1, 3, 3)
     return system, squares
 
@@ -177,7 +177,7 @@ def _try_step(
     """Return the bundle after a step; None where its cost is not lower, or the equations are singular."""
     equations, squares = system
     try:
-        damping = DAMPING * max(1.0, TRUST_RADIUS * problem.half_aperture_rad / radius_rad) ** 4
+        damping = DAMPING * max(1.0, _first_radius_rad(problem) / radius_rad) ** 4
         motion, shift_m = equations.solve(damping, squares / radius_rad**2)
     except LinAlgError:
         return None
@@ -185,8 +185,3 @@ def _try_step(
     poses[free] = move_poses(poses[free], motion)
     cost = _cost(problem, poses, xyz_m, start_m)
     return DenseBundle(poses, xyz_m, cost) if cost <= bundle.cost else None
-
-
-def _summation(group: IntArray, count: int) -> csr_array:
-    """Return the (G, M) matrix that sums values by their (M,) group."""
-    return csr_array((np.ones(len(group)), (group, np.arange(len(group)))), shape=(count, len(group)))

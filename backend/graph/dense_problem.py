@@ -41,9 +41,20 @@ def scale_sigmas(problem: DenseProblem, factor: float) -> DenseProblem:
 
 def whiten(problem: DenseProblem, world_from_sonar: FloatArray, xyz_m: FloatArray) -> FloatArray:
     """Return the (O, 2) residuals of range and bearing in sigmas."""
-    range_m, bearing_rad, _ = project(observed_points(problem, world_from_sonar, xyz_m))
-    difference_rad = angle_difference(bearing_rad, problem.range_bearing[:, 1])
-    return np.stack([range_m - problem.range_bearing[:, 0], difference_rad], axis=1) / problem.sigma
+    return whiten_observed(problem, observed_points(problem, world_from_sonar, xyz_m))[:, :2]
+
+
+def whiten_observed(problem: DenseProblem, in_sonar: FloatArray) -> FloatArray:
+    """Return the (O, 3) residuals of range, bearing and elevation, in sigmas, of (O, 3) points in the sonar frames."""
+    range_m, bearing_rad, elevation_rad = project(in_sonar)
+    range_error_m = range_m - problem.range_bearing[:, 0]
+    bearing_error_rad = angle_difference(bearing_rad, problem.range_bearing[:, 1])
+    return np.column_stack([range_error_m, bearing_error_rad, elevation_rad]) / all_sigmas(problem)
+
+
+def all_sigmas(problem: DenseProblem) -> FloatArray:
+    """Return the (O, 3) sigmas of range, bearing and elevation."""
+    return np.column_stack([problem.sigma, elevation_sigma(problem)])
 
 
 def observed_points(problem: DenseProblem, world_from_sonar: FloatArray, xyz_m: FloatArray) -> FloatArray:

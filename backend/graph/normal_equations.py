@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
-from asfm.types import FloatArray
+from asfm.types import FloatArray, IntArray
 
 MIN_CURVATURE = 1e-3
 """Added to the diagonal before it is damped, so that unobserved directions do not move."""
@@ -58,3 +59,8 @@ def move_poses(poses: FloatArray, motion: FloatArray) -> FloatArray:
     moved[:, :3, 3] += np.einsum("nij,nj->ni", poses[:, :3, :3], motion[:, 3:])
     moved[:, :3, :3] = poses[:, :3, :3] @ Rotation.from_rotvec(motion[:, :3]).as_matrix()
     return moved
+
+
+def summation_matrix(group: IntArray, count: int) -> csr_array:
+    """Return the (G, M) matrix that sums values by their (M,) group."""
+    return csr_array((np.ones(len(group)), (group, np.arange(len(group)))), shape=(count, len(group)))

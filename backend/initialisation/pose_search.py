@@ -27,6 +27,7 @@ from asfm.config import NoiseConfig
 from asfm.geometry.feature_noise import observation_sigma
 from asfm.geometry.poses import invert, make_pose, steps_between
 from asfm.geometry.sonar import SonarModel
+from asfm.navigation.outlier_filter import MAD_TO_SIGMA
 from asfm.types import FloatArray, IntArray, Tracks
 
 MIN_VIEWS = 3
@@ -46,8 +47,6 @@ PLANAR_SIGMA_SCALE, PLANAR_EDGE_RAD = 4.0, 0.05
 """Factor of the sigmas, and blur of the aperture's edge, with which tracks are triangulated under planar poses."""
 STEP_FACTOR = 3.0
 """Standard deviation of a step in the search over the typical one: weak, but it holds frames with few tracks."""
-MEDIAN_TO_SIGMA = 1.4826
-"""Standard deviation of a Gaussian variable over the median of its magnitude."""
 
 
 @dataclass(frozen=True)
@@ -93,13 +92,10 @@ def search_poses(
     if measure_misfit(start, local, _planar_noise(start, sonar), rng) <= MAX_PLANAR_MISFIT:
         return planar_world_from_sonar
     best = _relax(start, local, rng)
-    if (
-        not _steps_agree(local, best, max_range_m)
-        or measure_misfit(start, best.world_from_sonar, best.noise, rng) > MAX_MISFIT
-    ):
+    agrees = _steps_agree(local, best, max_range_m)
+    if not agrees or measure_misfit(start, best.world_from_sonar, best.noise, rng) > MAX_MISFIT:
         grown = _relax(start, grow_map(tracks, sigma, len(local), template, max_range_m, rng), rng)
-        better = grown.cost < CLEARLY_BETTER * best.cost or not _steps_agree(local, best, max_range_m)
-        best = grown if better else best
+        best = best if agrees and grown.cost >= CLEARLY_BETTER * best.cost else grown
     if not _steps_agree(local, best, max_range_m):
         return planar_world_from_sonar
     found = planar_world_from_sonar[0] @ invert(best.world_from_sonar[0]) @ best.world_from_sonar
@@ -175,7 +171,7 @@ def _steps_agree(planar_world_from_sonar: FloatArray, fit: _Fit, max_range_m: fl
 
 def robust_sigma(residual: FloatArray) -> FloatArray:
     """Return the (2,) standard deviations of (O, 2) residuals from their medians, which outliers do not move."""
-    return np.asarray(MEDIAN_TO_SIGMA * np.median(np.abs(residual), axis=0))
+    return np.asarray(MAD_TO_SIGMA * np.median(np.abs(residual), axis=0))
 
 
 def _relax(start: IncrementalMap, world_from_sonar: FloatArray, rng: np.random.Generator) -> _Fit:

@@ -171,10 +171,11 @@ def random_walk(view: View, times_s: FloatArray, rng: np.random.Generator) -> Fl
 
 def _gaussian_process(times_s: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Draw (N,) values of unit variance with a squared-exponential correlation over two to four seconds."""
-    correlation_s, knots_per_correlation = rng.uniform(2.0, 4.0), 4
-    knot_s = np.arange(-4 * correlation_s, times_s[-1] - times_s[0] + 4 * correlation_s, correlation_s / 4)
+    correlation_s, density = rng.uniform(2.0, 4.0), 4
+    margin_s = 4 * correlation_s
+    knot_s = np.arange(-margin_s, times_s[-1] - times_s[0] + margin_s, correlation_s / density)
     weight = np.exp(-(((times_s - times_s[0])[:, None] - knot_s) ** 2) / correlation_s**2)
-    return np.asarray(weight @ rng.normal(size=len(knot_s)) / np.sqrt(knots_per_correlation * np.sqrt(np.pi / 2)))
+    return np.asarray(weight @ rng.normal(size=len(knot_s)) / np.sqrt(density * np.sqrt(np.pi / 2)))
 
 
 def static(view: View, times_s: FloatArray, rng: np.random.Generator) -> FloatArray:  # noqa: ARG001 (a Motion)
