@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from threadpoolctl import threadpool_limits
 
 from asfm.backend.initialisation.planar_odometry import planar_odometry
 from asfm.backend.initialisation.pose_search import search_poses
@@ -177,7 +178,9 @@ def search_from_tracks(
         return initial
     typical_step = sensors.step_sigma[0] / config.backend.motion_prior_factor
     planar = initial.world_from_vehicle @ lever_arm
-    found = search_poses(tracks, planar, typical_step, sequence.sonar, config.noise, rng)
+    # Threads cost more than they save in matrices of this size.
+    with threadpool_limits(1):
+        found = search_poses(tracks, planar, typical_step, sequence.sonar, config.noise, rng)
     return replace(initial, world_from_vehicle=found @ invert(lever_arm))
 
 
