@@ -54,6 +54,7 @@ CODES = {
     # the estimate
     "single-frame": "the sequence has one frame: there is nothing to reconstruct",
     "unsupported-steps": "too few landmarks connect consecutive frames; the poses there are held by other sensors",
+    "no-motion-seen": "no feature moves in any frame: the poses are held where they begin",
     "unobserved-directions": "no measurement but the steps constrains some directions of the motion",
     "position-uncertainty": "the position is too uncertain to be trusted from some frame on",
     "mirror-ambiguity": "the scene and its mirror image explain the measurements equally well",

@@ -38,6 +38,8 @@ class SensorConstraints:
     """(N, 3) or (0, 3) standard deviations in metres and radians; infinite where nothing was measured."""
     diagnostics: tuple[Diagnostic, ...] = ()
     """What is wrong with the readings."""
+    standstill: BoolArray | None = None
+    """(N - 1,) steps of a motion prior during which no motion is seen; None where that was not examined."""
 
     def known_steps(self, noise: SensorNoise) -> BoolArray:
         """Return which steps odometry measured about as well as its stated noise, shape (N - 1,); none for a prior."""

@@ -13,7 +13,7 @@ from asfm.config import Config
 from asfm.geometry.poses import invert
 from asfm.navigation.sensor_constraints import SensorConstraints
 from asfm.sequence import Sequence
-from asfm.types import FloatArray
+from asfm.types import BoolArray, FloatArray
 
 SPAN_FRAMES = 10
 """Frames over which the size of the motion is estimated."""
@@ -49,11 +49,19 @@ def widen_rotation_sigma(sensors: SensorConstraints, world_from_vehicle: FloatAr
         sensors: steps of the motion prior.
         world_from_vehicle: (N, 4, 4) poses, N > 1.
     """
-    rotation_rad, _ = estimate_step_sigma(world_from_vehicle).tolist()
-    return replace(sensors, step_sigma=np.maximum(sensors.step_sigma, [rotation_rad, 0.0]))
+    rotation_rad, _ = estimate_step_sigma(world_from_vehicle, sensors.standstill).tolist()
+    return _widen_moving(sensors, np.array([rotation_rad, 0.0]))
 
 
-def estimate_step_sigma(world_from_vehicle: FloatArray) -> FloatArray:
+def _widen_moving(sensors: SensorConstraints, sigma: FloatArray) -> SensorConstraints:
+    """Widen the sigmas of the steps to (2,) given ones at least, but not those of a standstill."""
+    wide = np.maximum(sensors.step_sigma, sigma)
+    if sensors.standstill is not None:
+        wide[sensors.standstill] = sensors.step_sigma[sensors.standstill]
+    return replace(sensors, step_sigma=wide)
+
+
+def estimate_step_sigma(world_from_vehicle: FloatArray, standstill: BoolArray | None = None) -> FloatArray:
     """Estimate the sigma of independent steps that add up to the motion over spans of n frames.
 
     It is the root mean square of the motion over a span, divided by sqrt(n). For independent steps that is their own
@@ -61,12 +69,17 @@ def estimate_step_sigma(world_from_vehicle: FloatArray) -> FloatArray:
 
     Args:
         world_from_vehicle: (N, 4, 4) poses, N > 1.
+        standstill: (N - 1,) steps that are left out where others remain, with the spans that touch them.
 
     Returns:
         (2,) rotation in rad and translation in m, each axis.
     """
     count = min(SPAN_FRAMES, len(world_from_vehicle) - 1)
     motion = invert(world_from_vehicle[:-count]) @ world_from_vehicle[count:]
+    if standstill is not None:
+        stood = np.concatenate([[0], np.cumsum(standstill)])
+        moving = stood[count:] == stood[:-count]
+        motion = motion[moving] if moving.any() else motion
     rotation_rad = Rotation.from_matrix(motion[:, :3, :3]).as_rotvec()
     return np.sqrt([np.mean(rotation_rad**2) / count, np.mean(motion[:, :3, 3] ** 2) / count])
 
@@ -84,8 +97,7 @@ def state_prior_covariance(solution: Solution, factor: float) -> Solution:
     sensors, bundle = solution.problem.sensors, solution.bundle
     if sensors.measured or not len(sensors.steps):
         return solution
-    sigma = factor * estimate_step_sigma(bundle.world_from_vehicle)
-    wide = replace(sensors, step_sigma=np.maximum(sensors.step_sigma, sigma))
+    wide = _widen_moving(sensors, factor * estimate_step_sigma(bundle.world_from_vehicle, sensors.standstill))
     return replace(
         solution,
         problem=replace(solution.problem, sensors=wide),

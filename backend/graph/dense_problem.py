@@ -6,7 +6,12 @@ import numpy as np
 
 from asfm.geometry.poses import angle_difference
 from asfm.geometry.sonar import project
-from asfm.types import FloatArray, IntArray
+from asfm.types import FloatArray, IntArray, Tracks
+
+CAUCHY_SIGMAS = 3.0
+"""Scale of the Cauchy kernel."""
+ELEVATION_SIGMA = 0.85
+"""Standard deviation of a point's elevation, in half apertures."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +37,41 @@ class DenseProblem:
     """Standard deviation of each point about where it is at the beginning."""
     cauchy_sigmas: float = np.inf
     """Scale of the Cauchy kernel on an observation's range and bearing together; infinite for least squares."""
+
+
+def empty_problem(half_aperture_rad: float, step_sigma: FloatArray) -> DenseProblem:
+    """Return a problem without observations, with the kernel and the priors of the adjustments.
+
+    Args:
+        half_aperture_rad: half of the elevation aperture.
+        step_sigma: (2,) standard deviations of rotation in rad and translation in m, each axis, of a step between
+            neighbouring frames.
+    """
+    index = np.zeros(0, dtype=np.int64)
+    return DenseProblem(
+        frame=index,
+        track=index,
+        range_bearing=np.zeros((0, 2)),
+        sigma=np.zeros((0, 2)),
+        step_sigma=step_sigma[None],
+        half_aperture_rad=half_aperture_rad,
+        elevation_sigma_rad=ELEVATION_SIGMA * half_aperture_rad,
+        cauchy_sigmas=CAUCHY_SIGMAS,
+    )
+
+
+def number_problem(
+    template: DenseProblem, tracks: Tracks, sigma: FloatArray, used: IntArray
+) -> tuple[DenseProblem, IntArray, IntArray]:
+    """Return the problem of some observations with numbered frames and points, (F,) its frames and (P,) its tracks."""
+    frames, frame = np.unique(tracks.frame[used], return_inverse=True)
+    points, track = np.unique(tracks.track[used], return_inverse=True)
+    step_sigma = np.outer(np.sqrt(np.diff(frames)), template.step_sigma[0])
+    range_bearing = np.stack([tracks.range_m[used], tracks.bearing_rad[used]], axis=1)
+    problem = replace(
+        template, frame=frame, track=track, range_bearing=range_bearing, sigma=sigma[used], step_sigma=step_sigma
+    )
+    return problem, frames, points
 
 
 def scale_sigmas(problem: DenseProblem, factor: float) -> DenseProblem:

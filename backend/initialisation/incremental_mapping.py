@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from asfm.backend.graph.dense_bundle import DenseBundle, adjust_dense
-from asfm.backend.graph.dense_problem import DenseProblem, scale_sigmas
+from asfm.backend.graph.dense_problem import DenseProblem, number_problem, scale_sigmas
 from asfm.geometry.poses import invert, transform
 from asfm.geometry.sonar import back_project
 from asfm.types import BoolArray, FloatArray, IntArray, Tracks
@@ -28,12 +28,10 @@ SIGMA_SCALES = (8.0, 2.0, 1.0)
 """Factors of the sigmas in the passes of an adjustment."""
 RESECTION_SCALE = 5.0
 """Factor of the sigmas while a frame is located."""
-RESECTION_CAUCHY_SIGMAS, CAUCHY_SIGMAS = 2.0, 3.0
-"""Scales of the Cauchy kernel in the resection and in the adjustments."""
+RESECTION_CAUCHY_SIGMAS = 2.0
+"""Scale of the Cauchy kernel in the resection."""
 POINT_SIGMA_PER_RANGE = 0.05
 """Standard deviation of a known point while a frame is located, over the sonar's range: it may not be known yet."""
-ELEVATION_SIGMA = 0.85
-"""Standard deviation of a point's elevation, in half apertures."""
 RESECTION_ITERATIONS, ADJUSTMENT_ITERATIONS = 12, 15
 
 
@@ -96,41 +94,6 @@ def grow_map(
     for frame in np.setdiff1d(np.arange(1, frame_count), tracks.frame).tolist():
         grown.world_from_sonar[frame] = grown.world_from_sonar[frame - 1]
     return grown.world_from_sonar
-
-
-def empty_problem(half_aperture_rad: float, step_sigma: FloatArray) -> DenseProblem:
-    """Return a problem without observations, with the kernel and the priors of the adjustments.
-
-    Args:
-        half_aperture_rad: half of the elevation aperture.
-        step_sigma: (2,) standard deviations of rotation in rad and translation in m, each axis, of a step between
-            neighbouring frames.
-    """
-    index = np.zeros(0, dtype=np.int64)
-    return DenseProblem(
-        frame=index,
-        track=index,
-        range_bearing=np.zeros((0, 2)),
-        sigma=np.zeros((0, 2)),
-        step_sigma=step_sigma[None],
-        half_aperture_rad=half_aperture_rad,
-        elevation_sigma_rad=ELEVATION_SIGMA * half_aperture_rad,
-        cauchy_sigmas=CAUCHY_SIGMAS,
-    )
-
-
-def number_problem(
-    template: DenseProblem, tracks: Tracks, sigma: FloatArray, used: IntArray
-) -> tuple[DenseProblem, IntArray, IntArray]:
-    """Return the problem of some observations with numbered frames and points, (F,) its frames and (P,) its tracks."""
-    frames, frame = np.unique(tracks.frame[used], return_inverse=True)
-    points, track = np.unique(tracks.track[used], return_inverse=True)
-    step_sigma = np.outer(np.sqrt(np.diff(frames)), template.step_sigma[0])
-    range_bearing = np.stack([tracks.range_m[used], tracks.bearing_rad[used]], axis=1)
-    problem = replace(
-        template, frame=frame, track=track, range_bearing=range_bearing, sigma=sigma[used], step_sigma=step_sigma
-    )
-    return problem, frames, points
 
 
 def adjust_narrowing(

@@ -8,7 +8,10 @@ from threadpoolctl import threadpool_limits
 
 from asfm.backend.initialisation.planar_odometry import planar_odometry
 from asfm.backend.initialisation.pose_search import search_poses
+from asfm.backend.initialisation.standstill import diagnose_standstill, find_standstill, standstill_sigma
+from asfm.backend.initialisation.typical_steps import typical_steps
 from asfm.config import Config
+from asfm.geometry.feature_noise import observation_sigma
 from asfm.geometry.poses import chain_steps, invert, make_pose, steps_between
 from asfm.navigation.attitude_conflict import resolve_attitude_conflict
 from asfm.navigation.fault_diagnostics import diagnose_odometry, diagnose_time_offset
@@ -150,13 +153,36 @@ def initialise_from_tracks(
     readings = navigation.depth_attitude.z_roll_pitch
     first_pose = level_pose(readings[0]) if len(readings) else np.eye(4)
     poses, supported = planar_odometry(tracks, len(sequence), first_pose, sequence.vehicle_from_sonar, rng)
+    feature_sigma = observation_sigma(tracks, sequence.sonar, config.noise)
+    still = (
+        np.zeros(len(poses) - 1, dtype=bool) if len(readings) else find_standstill(tracks, len(poses), feature_sigma)
+    )
     max_range_m = float(sequence.sonar.range_edges_m[-1])
-    typical = np.maximum(_typical_step(poses, supported), [MIN_PRIOR_SIGMA, MIN_PRIOR_SIGMA * max_range_m])
-    sigma = config.backend.motion_prior_factor * typical
+    typical = typical_steps(poses, supported[1:] & ~still)
+    typical = np.maximum(typical, [MIN_PRIOR_SIGMA, MIN_PRIOR_SIGMA * max_range_m])
     stationary = np.repeat(poses[:1], len(poses), axis=0)
-    step_sigma = np.tile(sigma, (len(poses) - 1, 1))
+    step_sigma = config.backend.motion_prior_factor * typical
     sensors = sensor_constraints(sequence, navigation, stationary, step_sigma, measured=False)
-    return InitialPoses(poses, sensors, np.zeros(len(step_sigma), dtype=bool))
+    initial = InitialPoses(poses, sensors, np.zeros(len(step_sigma), dtype=bool))
+    return _hold_standstill(initial, still, feature_sigma) if still.any() else initial
+
+
+def _hold_standstill(initial: InitialPoses, still: BoolArray, feature_sigma: FloatArray) -> InitialPoses:
+    """Hold the poses during the (N - 1,) steps in which no motion is seen.
+
+    Args:
+        initial: of the planar odometry and a motion prior.
+        still: of :func:`find_standstill`.
+        feature_sigma: (O, 2) standard deviations of the observations' range in m and bearing in rad.
+    """
+    poses, sensors = initial.world_from_vehicle, initial.sensors
+    chain = chain_steps(poses[0], np.where(still[:, None, None], np.eye(4), steps_between(poses)))
+    chain = make_pose(chain[:, :3, 3], Rotation.from_matrix(chain[:, :3, :3]))
+    held = np.where(still[:, None], np.minimum(sensors.step_sigma, standstill_sigma(feature_sigma)), sensors.step_sigma)
+    found = (diagnose_standstill(feature_sigma),) if still.all() else ()
+    diagnostics = (*sensors.diagnostics, *found)
+    sensors = replace(sensors, step_sigma=held, standstill=still, diagnostics=diagnostics)
+    return replace(initial, world_from_vehicle=chain, sensors=sensors)
 
 
 def search_from_tracks(
@@ -176,18 +202,11 @@ def search_from_tracks(
     sensors, lever_arm = initial.sensors, sequence.vehicle_from_sonar
     if sensors.measured or len(sensors.z_roll_pitch) or not len(sensors.steps):
         return initial
-    typical_step = sensors.step_sigma[0] / config.backend.motion_prior_factor
+    if sensors.standstill is not None and sensors.standstill.all():
+        return initial
+    typical_step = sensors.step_sigma.max(axis=0) / config.backend.motion_prior_factor
     planar = initial.world_from_vehicle @ lever_arm
     # Threads cost more than they save in matrices of this size.
     with threadpool_limits(1):
         found = search_poses(tracks, planar, typical_step, sequence.sonar, config.noise, rng)
     return replace(initial, world_from_vehicle=found @ invert(lever_arm))
-
-
-def _typical_step(world_from_vehicle: FloatArray, supported: BoolArray) -> FloatArray:
-    """Return the root mean square (2,) of rotation in rad and translation in m, each axis, of the supported steps."""
-    steps = steps_between(world_from_vehicle)[supported[1:]]
-    if not len(steps):
-        return np.zeros(2)
-    rotation_rad = Rotation.from_matrix(steps[:, :3, :3]).as_rotvec()
-    return np.sqrt([np.mean(rotation_rad**2), np.mean(steps[:, :3, 3] ** 2)])

@@ -12,15 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from asfm.backend.estimation.triangulation import Gate, triangulate_tracks
 from asfm.backend.graph.dense_bundle import adjust_dense
-from asfm.backend.graph.dense_problem import whiten
+from asfm.backend.graph.dense_problem import empty_problem, number_problem, whiten
 from asfm.backend.initialisation.incremental_mapping import (
     IncrementalMap,
     adjust_in_windows,
     adjust_narrowing,
     draw_points,
-    empty_problem,
     grow_map,
-    number_problem,
 )
 from asfm.backend.initialisation.planar_odometry import MIN_SHARED, TOLERANCE_PER_RANGE
 from asfm.config import NoiseConfig

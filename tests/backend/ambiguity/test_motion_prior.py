@@ -62,6 +62,21 @@ def test_a_prior_is_never_narrowed() -> None:
     np.testing.assert_array_equal(found.step_sigma, sensors.step_sigma)
 
 
+def test_a_standstill_keeps_its_sigma_and_is_no_part_of_the_motions_size() -> None:
+    turn, shift = np.array([0.01, 0.0, 0.0]), np.array([0.05, 0.0, 0.0])
+    moving = chain(np.tile(turn, (60, 1)), np.tile(shift, (60, 1)))
+    poses = np.concatenate([np.repeat(moving[:1], 200, axis=0), moving])
+    still = np.arange(260) < 200
+    sensors = replace(make_sensors(261, (1e-6, 0.02)), standstill=still)
+    found = widen_rotation_sigma(sensors, poses).step_sigma
+    np.testing.assert_array_equal(found[still], sensors.step_sigma[still])
+    np.testing.assert_allclose(found[~still], np.tile([0.01 * np.sqrt(SPAN_FRAMES / 3), 0.02], (60, 1)))
+    np.testing.assert_array_equal(
+        widen_rotation_sigma(replace(sensors, standstill=np.ones(260, dtype=bool)), poses).step_sigma,
+        sensors.step_sigma,
+    )
+
+
 def make_case() -> tuple[Solution, Sequence, FloatArray]:
     """Solve a motion with slow rolls under a prior that is tight in rotation."""
     frames, rng = 30, np.random.default_rng(5)

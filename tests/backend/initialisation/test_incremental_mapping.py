@@ -3,15 +3,14 @@
 import numpy as np
 import pytest
 
+from asfm.backend.graph.dense_problem import empty_problem, number_problem
 from asfm.backend.graph.normal_equations import move_poses
 from asfm.backend.initialisation import incremental_mapping
 from asfm.backend.initialisation.incremental_mapping import (
     IncrementalMap,
     adjust_in_windows,
     draw_points,
-    empty_problem,
     grow_map,
-    number_problem,
 )
 from asfm.geometry.poses import invert, transform
 from asfm.geometry.sonar import project

@@ -13,6 +13,7 @@ from asfm.backend.initialisation.initial_poses import (
     initialise_from_odometry,
     initialise_from_tracks,
     replace_unreliable_steps,
+    search_from_tracks,
     verify_odometry,
 )
 from asfm.config import BackendConfig, Config
@@ -277,3 +278,56 @@ def test_without_tracks_the_initial_poses_stay_at_the_first_reading() -> None:
         level = level_pose(read_navigation(sequence, BackendConfig()).depth_attitude.z_roll_pitch[0])
         np.testing.assert_allclose(initial.world_from_vehicle, np.repeat(level[None], frame_count, axis=0), atol=1e-12)
         assert np.all(initial.sensors.step_sigma > 0) and initial.sensors.step_sigma.shape == (frame_count - 1, 2)
+
+
+def _wait(poses: FloatArray, frames: int) -> FloatArray:
+    return np.concatenate([np.repeat(poses[:1], frames, axis=0), poses])
+
+
+def _straight(steps_m: FloatArray) -> FloatArray:
+    along = np.concatenate([[0.0], np.cumsum(steps_m)])
+    turn = Rotation.from_rotvec(np.outer(0.1 * along, [0.0, 0.0, 1.0]))
+    return make_pose(np.outer(along, [0.7, 0.1, 0.0]), turn)
+
+
+def _initialise_alone(poses: FloatArray, navigation: bool = False) -> InitialPoses:
+    sequence = _shorten(len(poses), navigation)
+    if not navigation:
+        sequence = replace(sequence, timestamps_s=np.arange(len(poses), dtype=float))
+    return initialise_from_tracks(
+        read_navigation(sequence, BackendConfig()), sequence, _planar_tracks(poses), Config(), np.random.default_rng(0)
+    )
+
+
+def test_a_wait_before_the_motion_does_not_tighten_its_prior_and_is_held() -> None:
+    moving = _straight(np.full(12, 0.05))
+    alone, after_wait = _initialise_alone(moving), _initialise_alone(_wait(moving, 40))
+    np.testing.assert_allclose(after_wait.sensors.step_sigma[40:], alone.sensors.step_sigma, rtol=1e-6)
+    assert after_wait.sensors.standstill is not None
+    np.testing.assert_array_equal(after_wait.sensors.standstill, np.arange(52) < 40)
+    assert (after_wait.sensors.step_sigma[:40] < 0.2 * alone.sensors.step_sigma[0]).all()
+    np.testing.assert_allclose(after_wait.world_from_vehicle[:41], np.tile(np.eye(4), (41, 1, 1)), atol=1e-12)
+    assert not after_wait.sensors.diagnostics, "a vehicle may wait"
+
+
+def test_a_recording_without_motion_says_so_unless_a_sensor_measures_it() -> None:
+    still = np.repeat(np.eye(4)[None], 30, axis=0)
+    assert [found.code for found in _initialise_alone(still).sensors.diagnostics] == ["no-motion-seen"]
+    measured = _initialise_alone(still[:VEHICLE_FRAMES], navigation=True)
+    assert measured.sensors.standstill is None or not measured.sensors.standstill.any()
+    assert "no-motion-seen" not in [found.code for found in measured.sensors.diagnostics]
+
+
+def test_a_manoeuvre_after_slow_motion_has_a_prior_of_its_size() -> None:
+    speed = np.concatenate([np.full(60, 0.01), np.full(11, 0.2), np.full(60, 0.01)])
+    sigma_m = _initialise_alone(_straight(speed)).sensors.step_sigma[:, 1] / Config().backend.motion_prior_factor
+    assert sigma_m[65] == pytest.approx(0.2 * np.sqrt(0.5 / 3), rel=0.02)
+    overall = np.sqrt(np.mean(speed**2) * 0.5 / 3)
+    assert sigma_m.min() == pytest.approx(overall, rel=0.02), "slow motion keeps the size over all steps"
+
+
+def test_search_leaves_a_recording_without_motion_alone() -> None:
+    still = np.repeat(np.eye(4)[None], 30, axis=0)
+    initial, sequence = _initialise_alone(still), _shorten(30, navigation=False)
+    found = search_from_tracks(initial, sequence, _planar_tracks(still), Config(), np.random.default_rng(0))
+    assert found is initial

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from asfm.backend.graph.dense_problem import empty_problem
 from asfm.backend.initialisation import pose_search
-from asfm.backend.initialisation.incremental_mapping import IncrementalMap, empty_problem
+from asfm.backend.initialisation.incremental_mapping import IncrementalMap
 from asfm.backend.initialisation.initial_poses import initialise_from_tracks, search_from_tracks
 from asfm.backend.initialisation.planar_odometry import planar_odometry
 from asfm.backend.initialisation.pose_search import robust_sigma, search_poses, select_tracks
