@@ -16,13 +16,13 @@ from asfm.backend.graph.factors import CAUCHY_SIGMAS
 from asfm.geometry.poses import invert, transform
 from asfm.types import BoolArray, FloatArray, IntArray
 
-FRAME_STRIDE, MAX_FRAMES = 6, 40
+FRAME_STRIDE, MAX_FRAMES = 8, 40
 """Frames from one tested reflection to the next, more where there would be too many."""
 MIN_FRAMES_TO_END = 7
 """Frames before the first and after the last one that is tested: fewer tell little, and change little."""
 REACH = 60
 """Frames to each side of a reflection that are adjusted."""
-MAX_TRACKS = 250
+MAX_TRACKS = 140
 """Tracks by which a reflection is tested: those that extend farthest to both sides."""
 MIN_VIEWS = 3
 """Shorter tracks are not used."""
