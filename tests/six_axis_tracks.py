@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from asfm.backend.ambiguity.reflection import reflect_after
 from asfm.geometry.poses import invert, make_pose, transform
+from asfm.geometry.reflection import reflect_after
 from asfm.geometry.sonar import SonarModel, project
 from asfm.types import FloatArray, Tracks
 

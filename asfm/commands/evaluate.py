@@ -15,6 +15,7 @@ from asfm.errors import AsfmError
 from asfm.evaluation.association import within_reach
 from asfm.evaluation.covariance_consistency import evaluate_consistency
 from asfm.evaluation.matching import evaluate_matching
+from asfm.evaluation.mirror_image import MIRROR_AMBIGUITY, add_mirror_image
 from asfm.evaluation.pose_error_table import EvaluationTable, evaluate_sequence, evaluate_trajectory
 from asfm.evaluation.reference_jumps import clean_reference
 from asfm.geometry.local_origin import local_origin, shift_poses
@@ -24,7 +25,7 @@ from asfm.regular_file import is_present
 from asfm.results.evaluation_json import write_evaluation
 from asfm.results.points_ply import read_points
 from asfm.results.pose_covariances_csv import read_pose_covariances
-from asfm.results.report_json import read_report
+from asfm.results.report_json import read_report, warning_codes
 from asfm.results.results_folder import CONFIG, FEATURES, MATCHES, POINTS, POSE_COVARIANCES, TRACKS, TRAJECTORY
 from asfm.results.tracks_csv import read_tracks
 from asfm.results.trajectory_tum import read_trajectory
@@ -71,6 +72,8 @@ def _compare(folder: Path, source: Path, estimate: Trajectory, truth: Trajectory
         table = evaluate_trajectory(truth, None, estimate)
         return EvaluationTable(table.rows, (*table.notes, f"Without the odometry's row: {error}."))
     table = evaluate_sequence(sequence, estimate, truth)
+    if MIRROR_AMBIGUITY in warning_codes(read_report(folder)):
+        table = add_mirror_image(table, sequence, estimate, truth)
     return table if truth is not None else _add_truth(folder, source, sequence, table)
 
 

@@ -12,6 +12,7 @@ from asfm.datasets.hloc.features_matches import read_hloc, write_hloc
 from asfm.datasets.hloc.image_names import name_images
 from asfm.diagnostics import Diagnostic
 from asfm.errors import AsfmError
+from asfm.evaluation.mirror_image import MIRROR_AMBIGUITY, add_mirror_image
 from asfm.evaluation.pose_error_table import EvaluationTable, evaluate_sequence
 from asfm.recorder import NullRecorder, Recorder
 from asfm.results.evaluation_json import write_evaluation
@@ -77,7 +78,7 @@ def run_sequence(
         result = run.reconstruction
         _write_reconstruction(folder, result, config)
         write_hloc(folder / FEATURES, folder / MATCHES, names, run.keypoints, run.matches)
-        evaluation, remarks = _evaluate(folder, sequence)
+        evaluation, remarks = _evaluate(folder, sequence, result)
         diagnostics = tuple(dict.fromkeys((*sequence.diagnostics, *result.diagnostics, *remarks)))
         wall_s = time.perf_counter() - begin_s
         summary = RunSummary(output, path, sequence, result, run.stages, diagnostics, evaluation, wall_s)
@@ -102,13 +103,17 @@ def _write_reconstruction(folder: Path, result: Reconstruction, config: Config) 
     (folder / CONFIG).write_text(dump_config(config), encoding="utf-8")
 
 
-def _evaluate(folder: Path, sequence: Sequence) -> tuple[EvaluationTable | None, tuple[Diagnostic, ...]]:
+def _evaluate(
+    folder: Path, sequence: Sequence, result: Reconstruction
+) -> tuple[EvaluationTable | None, tuple[Diagnostic, ...]]:
     """Compare with the ground truth of the sequence; a failure becomes a diagnostic, so that the results are kept."""
     if sequence.groundtruth is None and sequence.hand_tracks is None:
         return None, ()
     try:
         estimate = read_trajectory(folder / TRAJECTORY)  # rounded as in the file, so that asfm evaluate finds the same
         evaluation = evaluate_sequence(sequence, estimate)
+        if any(found.code == MIRROR_AMBIGUITY for found in result.diagnostics):
+            evaluation = add_mirror_image(evaluation, sequence, estimate)
     except AsfmError as error:
         return None, (Diagnostic("not-evaluated", f"not evaluated: {error}"),)
     write_evaluation(folder, evaluation)

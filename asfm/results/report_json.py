@@ -73,6 +73,13 @@ def read_report(folder: Path) -> dict[str, Any]:
     return report
 
 
+def warning_codes(report: dict[str, Any]) -> frozenset[str]:
+    """Return the codes of the diagnostics in a report; none of those that older versions wrote without a code."""
+    warnings = report.get("warnings")
+    listed = warnings if isinstance(warnings, list) else []
+    return frozenset(item["code"] for item in listed if isinstance(item, dict) and isinstance(item.get("code"), str))
+
+
 def _find_version(distribution: str) -> str | None:
     try:
         return version(distribution)

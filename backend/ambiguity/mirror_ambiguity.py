@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 import gtsam
 import numpy as np
 
-from asfm.backend.ambiguity.reflection import reflect, reflected_motion_jacobian, reflection_at
 from asfm.backend.estimation.solution import Solution
 from asfm.backend.graph.aperture_bounds import add_aperture_priors, observed_elevations
 from asfm.backend.graph.bundle_adjustment import Bundle, make_values
@@ -18,6 +17,7 @@ from asfm.backend.graph.marginal_covariance import Uncertainty
 from asfm.config import Scene
 from asfm.diagnostics import Diagnostic
 from asfm.geometry.poses import invert
+from asfm.geometry.reflection import reflect, reflected_motion_jacobian, reflection_at
 from asfm.types import FloatArray
 
 MIN_PROBABILITY = 1e-6

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from asfm.backend.ambiguity.reflection import REFLECTION, reflection_at
 from asfm.backend.estimation.solution import Solution
 from asfm.backend.graph.dense_bundle import DenseBundle, adjust_dense
 from asfm.backend.graph.dense_problem import DenseProblem, empty_problem, number_problem, scale_sigmas
 from asfm.backend.graph.factors import CAUCHY_SIGMAS
 from asfm.geometry.poses import invert, transform
+from asfm.geometry.reflection import REFLECTION, reflection_at
 from asfm.types import BoolArray, FloatArray, IntArray
 
 FRAME_STRIDE, MAX_FRAMES = 8, 40

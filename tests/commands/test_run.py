@@ -70,3 +70,20 @@ def test_recordings_with_little_overlap_run_to_the_end(
     assert rows.shape == (frames, 8) and np.isfinite(rows).all()
     if warns:
         assert "warning: " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("alone", [True, False])
+def test_the_error_of_the_mirror_image_is_given_where_the_run_does_not_tell_it_apart(
+    demo_folder: Path, tmp_path: Path, ask: Ask, alone: bool
+) -> None:
+    switch = "false" if alone else "true"
+    settings = [f"backend.use_odometry={switch}", f"backend.use_navigation={switch}"]
+    results = tmp_path / "results"
+    options = [part for setting in settings for part in ("--set", setting)]
+    ask("run", demo_folder / "seafloor", "--output", results, "--no-rerun", *options)
+    codes = {warning["code"] for warning in json.loads((results / "report.json").read_text())["warnings"]}
+    written = {row["key"]: row["value"] for row in json.loads((results / "evaluation.json").read_text())["rows"]}
+    assert ("mirror-ambiguity" in codes) == ("ate_rmse_m_se3_mirror_image" in written) == alone
+    ask("evaluate", results)
+    again = {row["key"]: row["value"] for row in json.loads((results / "evaluation.json").read_text())["rows"]}
+    assert again.get("ate_rmse_m_se3_mirror_image") == written.get("ate_rmse_m_se3_mirror_image")

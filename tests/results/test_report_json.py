@@ -10,7 +10,7 @@ from asfm.config import Config
 from asfm.diagnostics import Diagnostic
 from asfm.errors import AsfmError
 from asfm.geometry.sonar import SonarModel
-from asfm.results.report_json import read_report, write_report
+from asfm.results.report_json import read_report, warning_codes, write_report
 from asfm.results.run_summary import RunSummary
 from asfm.sequence import Sequence
 from asfm.stages import StageReport
@@ -73,3 +73,16 @@ def test_unusable_report_is_a_one_line_error(tmp_path: Path, content: str | None
     with pytest.raises(AsfmError, match=message) as caught:
         read_report(tmp_path)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("report", "codes"),
+    [
+        ({"warnings": [found.as_dict() for found in DIAGNOSTICS]}, {"odometry-gap", "estimated-range-bias"}),
+        ({"warnings": ["a sentence, as older versions wrote", {"message": "no code"}, {"code": 3}]}, set()),
+        ({"warnings": "none"}, set()),
+        ({}, set()),
+    ],
+)
+def test_codes_are_those_of_the_diagnostics_that_have_one(report: dict[str, object], codes: set[str]) -> None:
+    assert warning_codes(report) == codes

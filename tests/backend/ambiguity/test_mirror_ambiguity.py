@@ -14,13 +14,13 @@ from asfm.backend.ambiguity.mirror_ambiguity import (
     inflate_for_mirror,
     warn_of_mirror,
 )
-from asfm.backend.ambiguity.reflection import reflect
 from asfm.backend.estimation.solution import Solution
 from asfm.backend.graph.bundle_adjustment import Bundle, adjust_bundle
 from asfm.backend.graph.marginal_covariance import Uncertainty, measure_uncertainty
 from asfm.backend.graph.problem import BundleProblem
 from asfm.config import Scene
 from asfm.geometry.poses import invert, make_pose, transform
+from asfm.geometry.reflection import reflect
 from asfm.geometry.sonar import SonarModel, project
 from asfm.navigation.sensor_constraints import SensorConstraints
 from asfm.sequence import Sequence

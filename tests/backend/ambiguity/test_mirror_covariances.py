@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from asfm.backend.ambiguity.mirror_ambiguity import choose_mirror, find_mirror, inflate_for_mirror, warn_of_mirror
-from asfm.backend.ambiguity.reflection import reflect
 from asfm.backend.graph.marginal_covariance import measure_uncertainty
+from asfm.geometry.reflection import reflect
 from asfm.types import FloatArray
 from tests.backend.ambiguity.test_mirror_ambiguity import FRAMES, LEVER_ARM, make_solution
 

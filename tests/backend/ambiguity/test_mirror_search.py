@@ -14,10 +14,10 @@ from asfm.backend.ambiguity.mirror_search import (
     search_other_optima,
 )
 from asfm.backend.ambiguity.partial_mirroring import MIN_GAIN
-from asfm.backend.ambiguity.reflection import reflect_after
 from asfm.backend.estimation.solution import Solution, solve_tracks
 from asfm.config_file import load_config
 from asfm.geometry.poses import invert, steps_between
+from asfm.geometry.reflection import reflect_after
 from tests.oscillating_roll import FLIP, FRAMES, LEVER_ARM, make_case, make_motion, roll_rad
 
 
@@ -48,7 +48,7 @@ def test_a_grid_of_moving_frames_is_tested_and_the_poses_as_they_are_where_all_f
 ) -> None:
     monkeypatch.setattr(mirror_search, "REACH", reach)
     solution = solve(mirrored=False)
-    standstill = np.arange(FRAMES - 1) >= 2 * MIN_FRAMES_TO_END
+    standstill = np.arange(FRAMES - 1) > MIN_FRAMES_TO_END + mirror_search.FRAME_STRIDE
     sensors = replace(solution.problem.sensors, standstill=standstill)
     found = search_other_optima(replace(solution, problem=replace(solution.problem, sensors=sensors)))
     tested = {other.frame for other in found}

@@ -9,11 +9,11 @@ import pytest
 
 from asfm.backend.ambiguity.mirror_search import OtherOptimum
 from asfm.backend.ambiguity.partial_mirroring import MIN_EVIDENCE, MIN_GAIN, compare_fits, correct_partial_mirroring
-from asfm.backend.ambiguity.reflection import reflect_after
 from asfm.backend.estimation.residual_gate import GUESSED_SLACK, make_residual_gate
 from asfm.backend.estimation.solution import solve_tracks
 from asfm.backend.estimation.triangulation import triangulate_tracks
 from asfm.config_file import load_config
+from asfm.geometry.reflection import reflect_after
 from asfm.navigation.sensor_constraints import SensorConstraints
 from asfm.sequence import Sequence
 from asfm.types import FloatArray, Tracks

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from asfm.backend.ambiguity.reflection import reflect, reflect_after, reflected_motion_jacobian, reflection_at
 from asfm.geometry.poses import invert, make_pose, transform
+from asfm.geometry.reflection import reflect, reflect_after, reflected_motion_jacobian, reflection_at
 from asfm.geometry.sonar import project
 from asfm.types import FloatArray
 

@@ -1,9 +1,8 @@
 """Reflection of poses, points and small motions at the x-y plane of a sonar frame."""
 
-import gtsam
 import numpy as np
 
-from asfm.geometry.poses import invert, transform
+from asfm.geometry.poses import adjoint, invert, transform
 from asfm.types import FloatArray
 
 REFLECTION = np.diag([1.0, 1.0, -1.0, 1.0])
@@ -54,5 +53,5 @@ def reflected_motion_jacobian(vehicle_from_sonar: FloatArray) -> FloatArray:
 
     In the sonar frame rotations about x and y and translations along z change their sign.
     """
-    adjoint = gtsam.Pose3(vehicle_from_sonar).AdjointMap()
-    return np.asarray(adjoint @ np.diag([-1.0, -1.0, 1.0, 1.0, 1.0, -1.0]) @ np.linalg.inv(adjoint))
+    signs = np.diag([-1.0, -1.0, 1.0, 1.0, 1.0, -1.0])
+    return np.asarray(adjoint(vehicle_from_sonar) @ signs @ adjoint(invert(vehicle_from_sonar)))
