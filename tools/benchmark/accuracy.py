@@ -13,6 +13,7 @@ from asfm.config_file import load_config
 from asfm.datasets import open_sequence, open_truth
 from asfm.evaluation.accuracy_bound import measure_bound
 from asfm.evaluation.covariance_consistency import LandmarkConsistency, Nees, measure_landmarks, measure_nees
+from asfm.evaluation.mirror_image import ATE_RMSE_MIRRORED, add_mirror_image
 from asfm.evaluation.pose_error_table import ATE_RMSE, evaluate_sequence
 from asfm.evaluation.trajectory import align_first_pose, interpolate_groundtruth, path_length_m
 from asfm.navigation.frame_navigation import FrameNavigation, read_navigation
@@ -140,12 +141,16 @@ def _compare(
     """Compare a result with the truth.
 
     The world of a run by the sonar alone is its own: its first pose is laid on the true one, as every sigma is relative
-    to it.
+    to it. Its pose error is that of the nearer of the run and its mirror image, between which the sonar cannot tell.
     """
     sequence, read_truth, truth = test.sequence, test.read_truth, interpolate_groundtruth(test.sequence)
     poses = result.trajectory.world_from_vehicle
     true_from_estimate = align_first_pose(poses, truth) if mode == "sonar" else np.eye(4)
-    row = evaluate_sequence(sequence, result.trajectory).row(ATE_RMSE)
+    table = evaluate_sequence(sequence, result.trajectory)
+    row = table.row(ATE_RMSE)
+    ate_m = row.value
+    if mode == "sonar":
+        ate_m = min(ate_m, add_mirror_image(table, sequence, result.trajectory).row(ATE_RMSE_MIRRORED).value)
     bound, landmarks = None, None
     if read_truth is not None:
         landmarks = measure_landmarks(result.landmarks, result.tracks, sequence, read_truth, true_from_estimate)
@@ -155,7 +160,7 @@ def _compare(
         test.name,
         mode,
         wall_s=wall_s,
-        ate_m=row.value,
+        ate_m=ate_m,
         path_m=path_length_m(truth),
         odometry_ate_m=row.odometry,
         bound_m=bound,

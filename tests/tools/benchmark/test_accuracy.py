@@ -6,6 +6,7 @@ import pytest
 from asfm.config import Config
 from asfm.diagnostics import Diagnostic
 from asfm.geometry.poses import invert
+from asfm.geometry.reflection import reflect_after
 from asfm.simulation.track_simulation import TrackSimulation, simulate_tracks
 from asfm.types import Landmarks, Reconstruction, Trajectory
 from tools.benchmark.accuracy import Accuracy, EvaluatedSequence, _compare, describe_accuracy
@@ -16,11 +17,13 @@ def floor() -> TrackSimulation:
     return simulate_tracks(6, 10, (3, 6), "sway", 1.0, navigation=False)
 
 
-def compare(floor: TrackSimulation, mode: str, code: str) -> Accuracy:
+def compare(floor: TrackSimulation, mode: str, code: str, mirrored: bool = False) -> Accuracy:
     """Compare the true poses, moved into a world of their own for the sonar alone, with the truth."""
     assert floor.sequence.groundtruth is not None
     truth = floor.sequence.groundtruth.world_from_vehicle
     poses = invert(truth[0]) @ truth if mode == "sonar" else truth
+    if mirrored:
+        poses = reflect_after(poses, 0, floor.sequence.vehicle_from_sonar)
     nothing = np.zeros(0, dtype=np.int64)
     landmarks = Landmarks(
         track=nothing,
@@ -57,3 +60,8 @@ def test_a_run_is_flagged_by_the_code_of_its_diagnostic(floor: TrackSimulation, 
     run = compare(floor, "odometry", code)
     assert run.flagged is flagged
     assert ("flagged as not to be trusted" in describe_accuracy(run)) is flagged
+
+
+def test_the_mirror_image_counts_for_the_sonar_alone_only(floor: TrackSimulation) -> None:
+    assert compare(floor, "sonar", "mirror-ambiguity", mirrored=True).ate_m == pytest.approx(0, abs=1e-9)
+    assert compare(floor, "odometry", "mirror-ambiguity", mirrored=True).ate_m > 1e-3
