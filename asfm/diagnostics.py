@@ -48,6 +48,7 @@ CODES = {
     "range-axis-reversed": "the images seem to have their far range in row 0; they are turned",
     "bearing-axis-reversed": "the images seem to be mirrored left to right, or the sonar mounted upside down",
     "image-jumps": "the images change abruptly at some steps where odometry does not; lost or exchanged frames?",
+    "image-order": "images resemble a later one far more than the next one; shuffled, or sorted as text?",
     "sensor-conflict": "odometry and navigation contradict each other in depth, roll or pitch",
     "time-offset": "odometry and navigation agree only with shifted time stamps",
     "duplicate-frames": "frames repeat the image before them; while odometry moves, their matches are left out",

@@ -13,6 +13,7 @@ from asfm.navigation.fault_diagnostics import diagnose_images, diagnose_mounting
 from asfm.navigation.fault_hypotheses import ImageAxis
 from asfm.navigation.frame_navigation import FrameNavigation
 from asfm.navigation.image_jumps import diagnose_image_jumps, find_image_jumps
+from asfm.navigation.image_order import diagnose_image_order, find_misplaced_frames
 from asfm.navigation.odometry_check import OdometryTest, compare_odometry_hypotheses
 from asfm.navigation.odometry_hypotheses import AS_RECORDED, PointPairs, collect_point_pairs, planar_inliers
 from asfm.pipeline.feature_matching import extract_matches
@@ -106,6 +107,23 @@ def report_image_jumps(
         feature_sigma(sequence.sonar, config.noise),
     )
     found = diagnose_image_jumps(jumps & ~start.unreliable)
+    return replace(start, sensors=replace(start.sensors, diagnostics=(*start.sensors.diagnostics, *found)))
+
+
+def report_image_order(
+    start: InitialPoses, sequence: Sequence, keypoints: list[Keypoints], candidates: list[Matches], config: Config
+) -> InitialPoses:
+    """Add a diagnostic where images without odometry are in another order than they were made.
+
+    Args:
+        start: poses from tracks.
+        sequence: gives the sonar.
+        keypoints: those of every frame.
+        candidates: matches of pairs of frames.
+        config: section ``noise``.
+    """
+    misplaced = find_misplaced_frames(keypoints, candidates, feature_sigma(sequence.sonar, config.noise))
+    found = diagnose_image_order(misplaced)
     return replace(start, sensors=replace(start.sensors, diagnostics=(*start.sensors.diagnostics, *found)))
 
 

@@ -29,7 +29,7 @@ from asfm.navigation.local_world import move_to_local_origin, with_world_of
 from asfm.navigation.odometry_hypotheses import collect_point_pairs
 from asfm.navigation.pose_prediction import predict_poses
 from asfm.pipeline.feature_matching import extract_matches
-from asfm.pipeline.image_faults import MatchedSequence, rematch_suspected, report_image_jumps
+from asfm.pipeline.image_faults import MatchedSequence, rematch_suspected, report_image_jumps, report_image_order
 from asfm.pipeline.loop_closure import find_loops
 from asfm.pipeline.self_calibration import apply_calibration, estimate_calibration
 from asfm.pipeline.summary import summarise
@@ -154,6 +154,7 @@ def initialise(
             if start is None:
                 start = initialise_from_tracks(navigation, sequence, tracks, config, rng)
                 start = search_from_tracks(start, sequence, tracks, config, rng)
+                start = report_image_order(start, sequence, keypoints, candidates, config)
             else:
                 start = replace_unreliable_steps(start, sequence, tracks, rng)
             report.counts = {"tracks": tracks.count}

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from asfm.backend.initialisation.initial_poses import InitialPoses, initialise_from_odometry
 from asfm.config import BackendConfig, Config
+from asfm.geometry.feature_noise import feature_sigma
 from asfm.geometry.poses import depth_roll_pitch, make_pose
 from asfm.navigation.frame_navigation import FrameNavigation, read_navigation
 from asfm.navigation.odometry_hypotheses import AS_RECORDED, PointPairs
@@ -19,6 +20,7 @@ from asfm.pipeline.image_faults import (
     _attitude_fits,
     rematch_suspected,
     report_image_jumps,
+    report_image_order,
     reverse_images,
 )
 from asfm.sequence import Sequence
@@ -161,3 +163,22 @@ def test_image_jumps_are_added_to_the_diagnostics_with_the_poses_of_the_sonar(se
     assert found.sensors.diagnostics[-1].frames == ((3, 4),), "steps that odometry does not know are left out"
     np.testing.assert_array_equal(sought[0][0], start.world_from_vehicle @ sequence.vehicle_from_sonar)
     np.testing.assert_array_equal(sought[0][3], np.arange(len(sequence)))
+
+
+def test_broken_order_is_added_to_the_diagnostics(stub: Stub) -> None:
+    sequence = make_vehicle_sequence()
+    start = initialise_from_odometry(read_navigation(sequence, BackendConfig()), sequence)
+    assert start is not None
+    keypoints: Any = ["keypoints"]
+    candidates: Any = ["candidates"]
+    sought = stub("find_misplaced_frames", np.arange(len(sequence)) == 5)
+    found = report_image_order(start, sequence, keypoints, candidates, Config())
+    assert [item.code for item in found.sensors.diagnostics] == [
+        *(item.code for item in start.sensors.diagnostics),
+        "image-order",
+    ]
+    assert sought[0][:2] == (keypoints, candidates)
+    np.testing.assert_array_equal(sought[0][2], feature_sigma(sequence.sonar, Config().noise))
+    stub("find_misplaced_frames", np.zeros(len(sequence), dtype=bool))
+    unchanged = report_image_order(start, sequence, keypoints, candidates, Config())
+    assert unchanged.sensors.diagnostics == start.sensors.diagnostics

@@ -102,9 +102,11 @@ def test_odometry_is_verified_and_what_is_missing_or_unreliable_comes_from_track
     stub("build_tracks", lambda *_: SimpleNamespace(count=3))
     from_tracks, replaced = stub("initialise_from_tracks", "from tracks"), stub("replace_unreliable_steps", "replaced")
     stub("search_from_tracks", lambda planar, *_: f"{planar}, searched")
+    ordered = stub("report_image_order", lambda searched, *_: f"{searched}, order reported")
     found: Any = reconstruction.initialise(sequence, NAVIGATION, KEYPOINTS, [], CONFIG, StageClock())
     if odometry == "none":
-        assert found == "from tracks, searched" and not verified and not replaced
+        assert found == "from tracks, searched, order reported" and not verified and not replaced
+        assert [call[1:] for call in ordered] == [(sequence, KEYPOINTS, [], CONFIG)]
         rng = from_tracks[0][-1]
     else:
         assert found == "replaced" if odometry == "unreliable" else found is start
