@@ -224,11 +224,23 @@ class LoopsConfig(Section):
     """Largest share of the matches that join landmarks which one frame sees apart."""
 
 
+class FramesConfig(Section):
+    """Part of a recording that is used; everything in the results is numbered within it."""
+
+    first: int = Field(default=0, ge=0, le=1_000_000_000)
+    """Number of the first frame."""
+    last: int | None = Field(default=None, ge=0, le=1_000_000_000)
+    """Number of the last frame, included; the last of the recording where it is null."""
+    every: int = Field(default=1, ge=1, le=1_000_000_000)
+    """Take every n-th frame from the first on."""
+
+
 class Config(Section):
     """The whole configuration of a run."""
 
     seed: int = Field(default=0, ge=0, lt=2**63)
     mode: Literal["batch"] = "batch"
+    frames: FramesConfig = FramesConfig()
     cfar: CfarConfig = CfarConfig()
     clusters: DbscanConfig = DbscanConfig()
     keypoints: KeypointsConfig = KeypointsConfig()

@@ -18,6 +18,7 @@ from asfm.evaluation.matching import evaluate_matching
 from asfm.evaluation.mirror_image import MIRROR_AMBIGUITY, add_mirror_image
 from asfm.evaluation.pose_error_table import EvaluationTable, evaluate_sequence, evaluate_trajectory
 from asfm.evaluation.reference_jumps import clean_reference
+from asfm.frame_selection import choose_frames, take_frames, take_truth
 from asfm.geometry.local_origin import local_origin, shift_poses
 from asfm.geometry.poses import interpolate, invert, pose_log
 from asfm.navigation.local_world import shift_poses_of
@@ -65,27 +66,38 @@ def evaluate_folder(folder: Path, reference: Path | None = None) -> EvaluationTa
 def _compare(folder: Path, source: Path, estimate: Trajectory, truth: Trajectory | None) -> EvaluationTable:
     """Compare with all that the sequence provides; without the sequence, with the reference alone."""
     try:
-        sequence = open_sequence(source)
+        whole = open_sequence(source)
     except AsfmError as error:
         if truth is None:
             raise AsfmError(f"{error}; or give a reference trajectory (--reference)") from None
         table = evaluate_trajectory(truth, None, estimate)
         return EvaluationTable(table.rows, (*table.notes, f"Without the odometry's row: {error}."))
+    chosen = choose_frames(whole, _read_config(folder).frames)
+    sequence = take_frames(whole, chosen)
     table = evaluate_sequence(sequence, estimate, truth)
     if MIRROR_AMBIGUITY in warning_codes(read_report(folder)):
         table = add_mirror_image(table, sequence, estimate, truth)
-    return table if truth is not None else _add_truth(folder, source, sequence, table)
+    return table if truth is not None else _add_truth(folder, source, whole, chosen, table)
 
 
-def _add_truth(folder: Path, source: Path, sequence: Sequence, table: EvaluationTable) -> EvaluationTable:
+def _read_config(folder: Path) -> Config:
+    """Read the configuration of a run; the defaults where an older version wrote none."""
+    return load_config(folder / CONFIG) if is_present(folder / CONFIG) else Config()
+
+
+def _add_truth(
+    folder: Path, source: Path, whole: Sequence, chosen: IntArray, table: EvaluationTable
+) -> EvaluationTable:
     """Add the evaluation of covariances and matches and the accuracy bound, or a note on what is missing."""
+    sequence = take_frames(whole, chosen)
     if sequence.groundtruth is None:
         return table
     missing = [name for name in NEEDED if not is_present(folder / name)]
     if missing:
         note = f"The results hold no {missing[0]}, which older versions did not write; run asfm run again for all rows."
         return EvaluationTable(table.rows, (*table.notes, note))
-    read_truth, config = open_truth(source), load_config(folder / CONFIG)
+    whole_truth, config = open_truth(source), load_config(folder / CONFIG)
+    read_truth = whole_truth and take_truth(whole_truth, chosen)
     estimate = read_trajectory(folder / TRAJECTORY)
     _check_frames(folder / TRAJECTORY, estimate, sequence)
     truth, _ = clean_reference(sequence.groundtruth, estimate)
@@ -107,7 +119,7 @@ def _add_truth(folder: Path, source: Path, sequence: Sequence, table: Evaluation
         own_world,
     )
     if len(sequence) > 1:
-        found = read_hloc(folder / FEATURES, folder / MATCHES, sequence, name_images(source, sequence))
+        found = read_hloc(folder / FEATURES, folder / MATCHES, sequence, name_images(source, whole).take(chosen))
         rows += evaluate_matching(found.keypoints, found.matches, sequence, read_truth)
     table = EvaluationTable(table.rows + rows, table.notes)
     if read_truth is None:

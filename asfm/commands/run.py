@@ -14,6 +14,7 @@ from asfm.diagnostics import Diagnostic
 from asfm.errors import AsfmError
 from asfm.evaluation.mirror_image import MIRROR_AMBIGUITY, add_mirror_image
 from asfm.evaluation.pose_error_table import EvaluationTable, evaluate_sequence
+from asfm.frame_selection import choose_frames, take_frames, take_matches
 from asfm.recorder import NullRecorder, Recorder
 from asfm.results.evaluation_json import write_evaluation
 from asfm.results.points_ply import write_points
@@ -66,10 +67,12 @@ def run_sequence(
     """
     begin_s = time.perf_counter()
     config = config or Config()
-    sequence = open_sequence(path)
-    sequence.check_frames()
-    names = name_images(path, sequence)
-    given = external_matches and read_hloc(*external_matches, sequence, names)
+    whole = open_sequence(path)
+    whole.check_frames()
+    chosen = choose_frames(whole, config.frames)
+    names = name_images(path, whole)
+    given = external_matches and take_matches(read_hloc(*external_matches, whole, names), chosen)
+    sequence, names = take_frames(whole, chosen), names.take(chosen)
     from asfm.pipeline.reconstruction import reconstruct  # loads GTSAM; a refused input need not wait for it
 
     with atomic_folder(output, RESULTS, overwrite) as folder:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 
@@ -87,3 +88,35 @@ def test_the_error_of_the_mirror_image_is_given_where_the_run_does_not_tell_it_a
     ask("evaluate", results)
     again = {row["key"]: row["value"] for row in json.loads((results / "evaluation.json").read_text())["rows"]}
     assert again.get("ate_rmse_m_se3_mirror_image") == written.get("ate_rmse_m_se3_mirror_image")
+
+
+def test_a_part_of_a_recording_is_run_and_evaluated_as_that_part(demo_folder: Path, tmp_path: Path, ask: Ask) -> None:
+    """Every second frame from the second on; with the whole run's matches it has those between its frames."""
+    whole, part, given = demo_folder / "results", tmp_path / "part", tmp_path / "given"
+    options = ("--no-rerun", "--set", "frames.first=1", "--set", "frames.every=2")
+    ask("run", demo_folder / "seafloor", "--output", part, *options)
+    stamps_s = [np.loadtxt(results / "trajectory.tum")[:, 0] for results in (whole, part)]
+    np.testing.assert_array_equal(stamps_s[1], stamps_s[0][1::2])
+    ask("evaluate", part)
+    found = {row["key"]: row["value"] for row in json.loads((part / "evaluation.json").read_text())["rows"]}
+    assert found["poses_compared"] == FRAMES // 2 and found["match_precision_gap_1"] > 0.7
+    assert found["ate_over_bound"] > 0
+    hloc = ("--features", whole / "features.h5", "--matches", whole / "matches.h5")
+    ask("run", demo_folder / "seafloor", "--output", given, *options, *hloc)
+    with h5py.File(given / "matches.h5") as file:
+        assert sorted(file) == ["frames-000001.png", "frames-000003.png"]
+        assert list(file["frames-000001.png"]) == ["frames-000003.png", "frames-000005.png"]
+
+
+def test_a_part_beyond_the_recording_is_one_line(demo_folder: Path, tmp_path: Path, capsys: Any) -> None:
+    arguments = [
+        "run",
+        str(demo_folder / "seafloor"),
+        "--output",
+        str(tmp_path / "r"),
+        "--set",
+        f"frames.first={FRAMES}",
+    ]
+    assert run_command_line(arguments) == 2
+    assert "expected a frame of seafloor, which has 0 to 5, found 6" in capsys.readouterr().err
+    assert not (tmp_path / "r").exists()

@@ -1,10 +1,11 @@
 """Names of a sequence's images in other programs' files, and the direction of their columns."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from asfm.datasets.native.reader import is_native, locate_native_frames
 from asfm.sequence import Sequence
+from asfm.types import IntArray
 
 
 @dataclass(frozen=True)
@@ -17,6 +18,10 @@ class ImageNames:
     """(ranges, beams)"""
     descending: bool = False
     """Whether column 0 on disk is the port-most beam, whereas asfm's is the starboard-most."""
+
+    def take(self, chosen: IntArray) -> "ImageNames":
+        """Return the names of the (M,) chosen frames."""
+        return replace(self, names=tuple(self.names[frame] for frame in chosen.tolist()))
 
     def find_frames(self) -> dict[str, int]:
         """Return the frame of every accepted name: with or without folder, with or without suffix."""
