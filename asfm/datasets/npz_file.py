@@ -64,7 +64,8 @@ def _read_header(path: Path, file: io.BytesIO, name: str, shape: tuple[int, ...]
     if version not in HEADER_READERS:
         raise AsfmError(f"{path}: expected {name} in version 1 or 2 of NumPy's format, found {version[0]}")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # NumPy warns of headers that Python 2 wrote, and reads them
+        # NumPy warns of headers that Python 2 wrote, and reads them; Python warns of numbers in damaged ones.
+        warnings.simplefilter("ignore")
         found, is_fortran, dtype = HEADER_READERS[version](file)
     if found != shape:
         raise AsfmError(f"{path}: expected {name} of shape {shape} (ranges, beams), found {shorten(str(found))}")

@@ -72,3 +72,12 @@ def test_a_header_of_python_2_is_read_without_a_warning(tmp_path: Path, recwarn:
     path = pack(tmp_path / "a.npz", x=header("(2L, 3L)") + np.arange(6.0).tobytes())
     np.testing.assert_array_equal(read_arrays(path, ("x",), (2, 3), "arrays")[0], np.arange(6.0).reshape(2, 3))
     assert len(recwarn) == 0
+
+
+def test_a_damaged_number_in_a_header_is_refused_without_a_warning(
+    tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    path = pack(tmp_path / "a.npz", x=header("(2or 3, 3)") + np.arange(6.0).tobytes())
+    with suppress(AsfmError):
+        read_arrays(path, ("x",), (2, 3), "arrays")
+    assert len(recwarn) == 0
