@@ -69,11 +69,12 @@ def search_other_optima(solution: Solution) -> list[OtherOptimum]:
         solution: converged, of N frames.
 
     Returns:
-        One for each tested frame, the largest gain first.
+        One for each tested frame, the largest gain first; none of a sonar that stands still.
     """
-    count = len(solution.bundle.world_from_vehicle)
+    count, still = len(solution.bundle.world_from_vehicle), solution.problem.sensors.standstill
+    if still is not None and still.all():
+        return []
     stride = max(FRAME_STRIDE, -(-count // MAX_FRAMES))
-    still = solution.problem.sensors.standstill
     grid = range(MIN_FRAMES_TO_END, count - MIN_FRAMES_TO_END, stride)
     moving = [frame for frame in grid if still is None or not still[frame]]
     tried = [_relax_reflected(solution, frame) for frame in [*([None] if count <= 2 * REACH else []), *moving]]

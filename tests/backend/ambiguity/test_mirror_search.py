@@ -55,6 +55,8 @@ def test_a_grid_of_moving_frames_is_tested_and_the_poses_as_they_are_where_all_f
     assert tested == {MIN_FRAMES_TO_END, MIN_FRAMES_TO_END + mirror_search.FRAME_STRIDE} | (
         {None} if reach >= FRAMES / 2 else set()
     )
+    sensors = replace(sensors, standstill=np.ones(FRAMES - 1, dtype=bool))
+    assert search_other_optima(replace(solution, problem=replace(solution.problem, sensors=sensors))) == []
 
 
 def test_a_frame_is_tested_by_the_tracks_that_reach_farthest_to_both_sides(monkeypatch: pytest.MonkeyPatch) -> None:
