@@ -32,14 +32,20 @@ def choose_frames(sequence: Sequence, config: FramesConfig) -> IntArray:
 
 
 def take_frames(sequence: Sequence, chosen: IntArray) -> Sequence:
-    """Return a sequence of the (M,) chosen frames, numbered from 0. Readings of other sensors keep their own stamps."""
+    """Return a sequence of the (M,) chosen frames, numbered from 0.
+
+    Readings of other sensors keep their own stamps, and what the reader found is said of the whole recording.
+    """
     if len(chosen) == len(sequence):
         return sequence
 
     def read_frame(index: int) -> Frame:
         return replace(sequence.read_frame(int(chosen[index])), index=index)
 
-    return replace(sequence, timestamps_s=sequence.timestamps_s[chosen], read_frame=read_frame)
+    found = tuple(
+        replace(item, message=f"in the whole recording: {item.message}", frames=()) for item in sequence.diagnostics
+    )
+    return replace(sequence, timestamps_s=sequence.timestamps_s[chosen], read_frame=read_frame, diagnostics=found)
 
 
 def take_truth(read_truth: Callable[[int], FrameTruth], chosen: IntArray) -> Callable[[int], FrameTruth]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from asfm.config import FramesConfig
+from asfm.diagnostics import Diagnostic
 from asfm.errors import AsfmError
 from asfm.frame_selection import choose_frames, take_frames, take_matches, take_truth
 from asfm.geometry.sonar import SonarModel
@@ -83,3 +84,10 @@ def test_matches_keep_their_indices_and_get_the_numbers_of_the_part() -> None:
 def test_readings_of_other_sensors_are_not_cut() -> None:
     odometry = replace(WHOLE, navigation=None).navigation
     assert take_frames(WHOLE, np.arange(3)).navigation is odometry
+
+
+def test_what_the_reader_found_is_said_of_the_whole_recording() -> None:
+    whole = replace(WHOLE, diagnostics=(Diagnostic("odometry-gap", "frames 2-3 have none", ((2, 3),)),))
+    (found,) = take_frames(whole, np.arange(5, 9)).diagnostics
+    assert (found.code, found.frames) == ("odometry-gap", ())
+    assert found.message == "in the whole recording: frames 2-3 have none"

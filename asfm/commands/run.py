@@ -9,7 +9,7 @@ from asfm.config import Config
 from asfm.config_file import dump_config
 from asfm.datasets import open_sequence
 from asfm.datasets.hloc.features_matches import read_hloc, write_hloc
-from asfm.datasets.hloc.image_names import name_images
+from asfm.datasets.hloc.image_names import ImageNames, name_images
 from asfm.diagnostics import Diagnostic
 from asfm.errors import AsfmError
 from asfm.evaluation.mirror_image import MIRROR_AMBIGUITY, add_mirror_image
@@ -39,7 +39,7 @@ from asfm.results.tracks_csv import write_tracks
 from asfm.results.trajectory_tum import read_trajectory, write_trajectory
 from asfm.sequence import Sequence
 from asfm.stages import Progress, no_progress
-from asfm.types import Reconstruction
+from asfm.types import ExternalMatches, IntArray, Reconstruction
 
 
 def run_sequence(
@@ -68,10 +68,11 @@ def run_sequence(
     begin_s = time.perf_counter()
     config = config or Config()
     whole = open_sequence(path)
-    whole.check_frames()
     chosen = choose_frames(whole, config.frames)
+    if len(chosen) == len(whole):
+        whole.check_frames()
     names = name_images(path, whole)
-    given = external_matches and take_matches(read_hloc(*external_matches, whole, names), chosen)
+    given = external_matches and _read_matches(*external_matches, whole, names, chosen)
     sequence, names = take_frames(whole, chosen), names.take(chosen)
     from asfm.pipeline.reconstruction import reconstruct  # loads GTSAM; a refused input need not wait for it
 
@@ -87,6 +88,21 @@ def run_sequence(
         summary = RunSummary(output, path, sequence, result, run.stages, diagnostics, evaluation, wall_s)
         write_report(folder / REPORT, summary, config)
     return summary
+
+
+def _read_matches(
+    features: Path, matches: Path, whole: Sequence, names: ImageNames, chosen: IntArray
+) -> ExternalMatches:
+    """Read the matches of the chosen frames, from files of the whole recording or of these frames alone."""
+    try:
+        return take_matches(read_hloc(features, matches, whole, names), chosen)
+    except AsfmError as error:
+        if len(chosen) == len(whole):
+            raise
+        try:
+            return read_hloc(features, matches, whole, names.take(chosen))
+        except AsfmError:
+            raise error from None
 
 
 def _make_recorder(path: Path, sequence: Sequence, recording: bool) -> Recorder:

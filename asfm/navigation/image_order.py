@@ -62,8 +62,8 @@ def diagnose_image_order(misplaced: BoolArray) -> tuple[Diagnostic, ...]:
     runs = frame_runs(misplaced)
     message = (
         f"{int(misplaced.sum())} of {len(misplaced)} images ({format_runs(runs)}) resemble the second or third next "
-        "one far more than the next one: the images seem to be in another order than their stamps say; sort their "
-        "names by number and not as text"
+        "one far more than the next one: the images seem to be in another order than their stamps say (names sorted as "
+        "text?), or single images are spoilt; check them"
     )
     return (Diagnostic("image-order", message, runs),)
 

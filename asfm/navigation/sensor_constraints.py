@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from asfm.diagnostics import Diagnostic
-from asfm.geometry.poses import make_pose, steps_between
+from asfm.geometry.poses import depth_roll_pitch, make_pose, steps_between, wrap_angle
 from asfm.navigation.depth_attitude import DepthAttitude
 from asfm.navigation.frame_navigation import FrameNavigation
 from asfm.sequence import Sequence
@@ -16,6 +16,8 @@ FIXED_SIGMA = 1e-6
 """Standard deviation, in rad and m, of what defines the world frame."""
 UNRELIABLE_SIGMA_FACTOR = 2.0
 """Sigmas of odometry that was corrected for a fault, over the stated ones."""
+DRIFT_SIGMAS = 3.0
+"""The first pose of the odometry has drifted where it differs from the first reading by so many of its sigmas."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +85,7 @@ def sensor_constraints(
     first_sigma = np.full(6, FIXED_SIGMA)
     if len(readings.sigma):
         first_sigma[[0, 1, 5]] = angle_rad, angle_rad, noise.navigation_z_m
+        first_sigma = _admit_drift(first_sigma, world_from_vehicle[0], readings)
     return SensorConstraints(
         first_pose=world_from_vehicle[0],
         first_sigma=first_sigma,
@@ -93,6 +96,24 @@ def sensor_constraints(
         z_roll_pitch_sigma=readings.sigma,
         diagnostics=navigation.diagnostics,
     )
+
+
+def _admit_drift(first_sigma: FloatArray, world_from_vehicle: FloatArray, readings: DepthAttitude) -> FloatArray:
+    """Return the (6,) sigmas of the first pose, widened where it lies far from the first reading.
+
+    Odometry that was running before the first frame has drifted by then; the readings have not.
+
+    Args:
+        first_sigma: (6,) as uncertain as the sensors are.
+        world_from_vehicle: (4, 4) first pose.
+        readings: depth and attitude at the frames.
+    """
+    z_m, roll_rad, pitch_rad = depth_roll_pitch(world_from_vehicle[None])[0] - readings.z_roll_pitch[0]
+    measured = np.isfinite(readings.sigma[0])
+    angle_rad = float(np.max(np.abs(wrap_angle(np.array([roll_rad, pitch_rad])))[measured[1:]], initial=0.0))
+    apart = np.zeros(6)
+    apart[[0, 1, 5]] = angle_rad, angle_rad, abs(z_m) if measured[0] else 0.0
+    return np.where(apart > DRIFT_SIGMAS * first_sigma, apart, first_sigma)
 
 
 def level_pose(z_roll_pitch: FloatArray) -> FloatArray:

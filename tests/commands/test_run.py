@@ -1,6 +1,7 @@
 """``asfm run``: results, settings, and recordings with little overlap."""
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -106,6 +107,18 @@ def test_a_part_of_a_recording_is_run_and_evaluated_as_that_part(demo_folder: Pa
     with h5py.File(given / "matches.h5") as file:
         assert sorted(file) == ["frames-000001.png", "frames-000003.png"]
         assert list(file["frames-000001.png"]) == ["frames-000003.png", "frames-000005.png"]
+    own = ("--features", part / "features.h5", "--matches", part / "matches.h5")
+    ask("run", demo_folder / "seafloor", "--output", tmp_path / "again", *options, *own)
+    with h5py.File(part / "matches.h5") as first, h5py.File(tmp_path / "again" / "matches.h5") as second:
+        assert sorted(first) == sorted(second)
+
+
+def test_damage_outside_a_part_does_not_matter(demo_folder: Path, tmp_path: Path, ask: Ask) -> None:
+    shutil.copytree(demo_folder / "seafloor", tmp_path / "seafloor")
+    (tmp_path / "seafloor" / "frames" / f"{FRAMES - 1:06d}.png").write_bytes(b"damaged")
+    arguments = ["run", str(tmp_path / "seafloor"), "--output", str(tmp_path / "r"), "--no-rerun"]
+    assert run_command_line(arguments) == 2
+    ask(*arguments, "--set", f"frames.last={FRAMES - 2}")
 
 
 def test_a_part_beyond_the_recording_is_one_line(demo_folder: Path, tmp_path: Path, capsys: Any) -> None:

@@ -87,4 +87,4 @@ def test_the_diagnostic_names_the_frames() -> None:
     assert diagnose_image_order(np.zeros(5, dtype=bool)) == ()
     (found,) = diagnose_image_order(np.array([False, True, True, False, True, False]))
     assert found.code == "image-order" and found.frames == ((1, 2), (4, 4))
-    assert "3 of 6 images (1-2, 4)" in found.message and "by number" in found.message
+    assert "3 of 6 images (1-2, 4)" in found.message and "sorted as text?" in found.message

@@ -32,12 +32,30 @@ def test_steps_chain_back_to_the_poses_and_sigmas_are_those_given() -> None:
 def test_first_pose_is_fixed_except_in_what_navigation_measures() -> None:
     """In the world's axes: height, roll and pitch are as uncertain as their sensors, the rest is fixed."""
     poses = make_poses()
+    readings = make_constraints(SEQUENCE, poses, np.ones((4, 2)), measured=True).z_roll_pitch
+    poses[0] = level_pose(readings[0] + [0.1, -0.01, 0.01])
     sensors = make_constraints(SEQUENCE, poses, np.ones((4, 2)), measured=True)
     angle_rad = np.sqrt((0.006**2 + 0.008**2) / 2)
     np.testing.assert_allclose(sensors.first_sigma, [angle_rad, angle_rad, 1e-6, 1e-6, 1e-6, 0.05])
     blind = make_constraints(replace(SEQUENCE, navigation=None), poses, np.ones((4, 2)), measured=True)
     np.testing.assert_array_equal(blind.first_sigma, np.full(6, 1e-6))
     assert blind.z_roll_pitch.shape == blind.z_roll_pitch_sigma.shape == (0, 3)
+
+
+def test_odometry_that_has_drifted_before_the_first_frame_is_no_tight_prior() -> None:
+    """Where its first pose lies beyond three sigmas of the first reading, the distance is its sigma."""
+    poses = make_poses()
+    readings = make_constraints(SEQUENCE, poses, np.ones((4, 2)), measured=True).z_roll_pitch
+    angle_rad = np.sqrt((0.006**2 + 0.008**2) / 2)
+    for drift, expected in (
+        ([0.25, 0.0, 0.0], [angle_rad, angle_rad, 0.25]),
+        ([0.0, 0.06, 0.0], [0.06, 0.06, 0.05]),
+        ([0.0, 0.01, -0.05], [0.05, 0.05, 0.05]),
+    ):
+        poses[0] = level_pose(readings[0] + drift)
+        found = make_constraints(SEQUENCE, poses, np.ones((4, 2)), measured=True).first_sigma
+        np.testing.assert_allclose(found[[0, 1, 5]], expected, rtol=1e-6)
+        np.testing.assert_array_equal(found[2:5], np.full(3, 1e-6))
 
 
 @pytest.mark.parametrize("measured", [True, False])

@@ -13,7 +13,8 @@ class ImageNames:
     """Names, size and column order of the images on disk."""
 
     names: tuple[str, ...]
-    """One per frame: the path in frames.csv, or the frame number in six digits where frames are not image files."""
+    """One per frame: the path in frames.csv, or the frame number in six digits where frames are not image files,
+    or where two of them name the same file."""
     shape: tuple[int, int]
     """(ranges, beams)"""
     descending: bool = False
@@ -47,4 +48,6 @@ def name_images(path: Path, sequence: Sequence) -> ImageNames:
         return ImageNames(tuple(f"{frame:06d}" for frame in range(len(sequence))), sequence.sonar.shape)
     frames = locate_native_frames(path)
     names = tuple(image.relative_to(path).as_posix() for image in frames.images)
+    if len(set(names)) < len(names):
+        names = tuple(f"{frame:06d}" for frame in range(len(names)))
     return ImageNames(names, frames.shape, frames.descending)

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from asfm.datasets.hloc.image_names import ImageNames, name_images
@@ -47,3 +48,16 @@ def test_of_two_images_with_the_same_short_name_the_first_is_found() -> None:
     found = ImageNames(("left/a.png", "right/a.png"), (4, 4)).find_frames()
     assert found["a"] == found["a.png"] == found["left/a.png"] == 0
     assert found["right/a.png"] == found["right/a"] == 1
+
+
+def test_frames_of_one_file_have_six_digits_too(folder: Path) -> None:
+    rows = (folder / "frames.csv").read_text()
+    (folder / "frames.csv").write_text(rows.replace("000003.png", "000001.png"))
+    names = name_images(folder, read_native(folder)).names
+    assert names == tuple(f"{frame:06d}" for frame in range(5))
+
+
+def test_names_of_a_part_are_those_of_its_frames(folder: Path) -> None:
+    names = name_images(folder, read_native(folder))
+    assert names.take(np.array([1, 4])).names == ("frames/000001.png", "frames/000004.png")
+    assert names.take(np.array([1, 4])).shape == names.shape
