@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from asfm.diagnostics import Diagnostic, format_runs, frame_runs
+from asfm.geometry.sonar import back_project
 from asfm.types import BoolArray, FloatArray, Keypoints, Matches
 
 LATER_GAPS = (2, 3)
@@ -73,14 +74,9 @@ def _median_motion_m(matches: Matches, keypoints: Sequence[Keypoints]) -> float:
     if not len(matches):
         return np.inf
     one, other = keypoints[matches.frame_a], keypoints[matches.frame_b]
-    moved_m = _plane_xy_m(other)[matches.index[:, 1]] - _plane_xy_m(one)[matches.index[:, 0]]
+    level_m = [back_project(frame.range_m, frame.bearing_rad, 0.0) for frame in (one, other)]
+    moved_m = level_m[1][matches.index[:, 1]] - level_m[0][matches.index[:, 0]]
     return float(np.median(np.linalg.norm(moved_m, axis=1)))
-
-
-def _plane_xy_m(keypoints: Keypoints) -> FloatArray:
-    """Return the (K, 2) positions of features in the sonar's x-y plane."""
-    range_m, bearing_rad = keypoints.range_m, keypoints.bearing_rad
-    return np.stack([range_m * np.cos(bearing_rad), range_m * np.sin(bearing_rad)], axis=1)
 
 
 def _noise_m(keypoints: Keypoints, feature_sigma: FloatArray) -> float:
