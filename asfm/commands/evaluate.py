@@ -14,9 +14,11 @@ from asfm.datasets.tables import read_tum
 from asfm.errors import AsfmError
 from asfm.evaluation.association import within_reach
 from asfm.evaluation.covariance_consistency import evaluate_consistency
-from asfm.evaluation.matching import evaluate_matching
+from asfm.evaluation.evaluation_table import EvaluationTable
+from asfm.evaluation.matcher_quality import NEEDS_ELEVATIONS, NEEDS_POSES
+from asfm.evaluation.matcher_table import describe_left_out, evaluate_matcher
 from asfm.evaluation.mirror_image import MIRROR_AMBIGUITY, add_mirror_image
-from asfm.evaluation.pose_error_table import EvaluationTable, evaluate_sequence, evaluate_trajectory
+from asfm.evaluation.pose_error_table import evaluate_sequence, evaluate_trajectory
 from asfm.evaluation.reference_jumps import clean_reference
 from asfm.frame_selection import choose_frames, take_frames, take_truth
 from asfm.geometry.local_origin import local_origin, shift_poses
@@ -91,7 +93,7 @@ def _add_truth(
     """Add the evaluation of covariances and matches and the accuracy bound, or a note on what is missing."""
     sequence = take_frames(whole, chosen)
     if sequence.groundtruth is None:
-        return table
+        return EvaluationTable(table.rows, table.notes + describe_left_out(NEEDS_POSES + NEEDS_ELEVATIONS))
     missing = [name for name in NEEDED if not is_present(folder / name)]
     if missing:
         note = f"The results hold no {missing[0]}, which older versions did not write; run asfm run again for all rows."
@@ -118,10 +120,12 @@ def _add_truth(
         read_truth,
         own_world,
     )
+    notes = table.notes
     if len(sequence) > 1:
         found = read_hloc(folder / FEATURES, folder / MATCHES, sequence, name_images(source, whole).take(chosen))
-        rows += evaluate_matching(found.keypoints, found.matches, sequence, read_truth)
-    table = EvaluationTable(table.rows + rows, table.notes)
+        of_matcher, remarks = evaluate_matcher(found.keypoints, found.matches, tracks, sequence, read_truth)
+        rows, notes = rows + of_matcher, notes + remarks
+    table = EvaluationTable(table.rows + rows, notes)
     if read_truth is None:
         return table
     from asfm.evaluation.accuracy_bound import add_bound, measure_bound  # loads SciPy

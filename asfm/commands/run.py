@@ -12,8 +12,9 @@ from asfm.datasets.hloc.features_matches import read_hloc, write_hloc
 from asfm.datasets.hloc.image_names import ImageNames, name_images
 from asfm.diagnostics import Diagnostic
 from asfm.errors import AsfmError
+from asfm.evaluation.evaluation_table import EvaluationTable
 from asfm.evaluation.mirror_image import MIRROR_AMBIGUITY, add_mirror_image
-from asfm.evaluation.pose_error_table import EvaluationTable, evaluate_sequence
+from asfm.evaluation.pose_error_table import evaluate_sequence
 from asfm.frame_selection import choose_frames, take_frames, take_matches
 from asfm.recorder import NullRecorder, Recorder
 from asfm.results.evaluation_json import write_evaluation

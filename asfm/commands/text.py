@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable, Sequence
 
-from asfm.evaluation.pose_error_table import EvaluationTable
-from asfm.results.results_folder import RECORDING
+from asfm.evaluation.evaluation_table import EvaluationTable
+from asfm.results.results_folder import EVALUATION, RECORDING
 from asfm.results.run_summary import RunSummary
 
 
@@ -49,11 +49,16 @@ def describe_errors(table: EvaluationTable) -> list[str]:
     """Format every measure of a run next to that of the odometry, and the notes on the comparison."""
     rows = [("measure", "run", "unit", "odometry", "ratio")]
     for row in table.rows:
-        digits = 0 if row.unit in ("poses", "matches") else 4
+        if row.detail:
+            continue
+        digits = 0 if row.unit in ("poses", "matches", "tracks") else 4
         rows.append(
             (row.name, _show(row.value, digits), row.unit, _show(row.odometry, digits), _show(row.ratio, digits=2))
         )
-    return align(rows, numbers=(1, 3, 4)) + [f"note: {note}" for note in table.notes]
+    lines, details = align(rows, numbers=(1, 3, 4)), sum(row.detail for row in table.rows)
+    if details:
+        lines.append(f"{details} more measures, by gap, view change and threshold: {EVALUATION}")
+    return lines + [f"note: {note}" for note in table.notes]
 
 
 def _show(value: float | None, digits: int) -> str:

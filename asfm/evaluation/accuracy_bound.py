@@ -11,7 +11,8 @@ import numpy as np
 
 from asfm.config import Config
 from asfm.evaluation.association import associate
-from asfm.evaluation.pose_error_table import ATE_RMSE, SE3_ALIGNED, EvaluationRow, EvaluationTable
+from asfm.evaluation.evaluation_table import EvaluationRow, EvaluationTable
+from asfm.evaluation.pose_error_table import ATE_RMSE, SE3_ALIGNED
 from asfm.evaluation.trajectory import absolute_errors, align_se3, interpolate_groundtruth
 from asfm.evaluation.true_points import TruePoints, find_true_points, measure_noise
 from asfm.geometry.feature_noise import feature_sigma

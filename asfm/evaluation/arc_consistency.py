@@ -1,7 +1,8 @@
 """Arc consistency of matches: whether the second keypoint lies on the first one's elevation arc under known poses.
 
-For sequences with true poses but without true elevations: a correct match always fits; a wrong one may by chance, so
-that the inlier ratio is an upper bound of the precision.
+For sequences with true poses but without true elevations: a wrong match may fit by chance, and a correct one fits
+within the tolerance. This tolerance is narrower in range than the one against true elevations
+(:data:`asfm.evaluation.true_positions.TRUTH_TOLERANCE`), so that the inlier ratio may lie below the precision.
 """
 
 from dataclasses import dataclass

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from asfm.evaluation.association import within_reach
-from asfm.evaluation.pose_error_table import EvaluationRow
+from asfm.evaluation.evaluation_table import EvaluationRow
 from asfm.evaluation.trajectory import align_first_pose, interpolate_groundtruth
 from asfm.evaluation.true_points import find_true_points
 from asfm.geometry.poses import invert, pose_log, transform

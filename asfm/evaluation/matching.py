@@ -1,4 +1,4 @@
-"""Precision and recall of feature matches per frame gap: against true elevations, or against elevation arcs.
+"""Precision and recall of feature matches of frame pairs: against true elevations, or against elevation arcs.
 
 A simulation knows each keypoint's elevation and so its exact position in the other frame. Where only true
 poses are known, matches are evaluated by their elevation arcs (:mod:`asfm.evaluation.arc_consistency`).
@@ -11,17 +11,13 @@ from itertools import groupby
 import numpy as np
 
 from asfm.evaluation.arc_consistency import Tolerance, find_arc_inliers
-from asfm.evaluation.association import within_reach
-from asfm.evaluation.pose_error_table import EvaluationRow
-from asfm.evaluation.trajectory import interpolate_groundtruth
 from asfm.evaluation.true_positions import TRUTH_TOLERANCE, TruePositions, find_true_positions
 from asfm.geometry.poses import invert, wrap_angle
 from asfm.geometry.sonar import SonarModel
-from asfm.sequence import Sequence
 from asfm.types import BoolArray, FloatArray, FrameTruth, Keypoints, Matches
 
-REPORTED_GAPS = (1, 2, 4, 8)
-"""Frame gaps that are reported by default."""
+SEARCH_MARGIN = 1e-9
+"""Widening of the search for partners, so that rounding excludes none at the tolerance itself."""
 
 
 @dataclass(frozen=True)
@@ -69,14 +65,10 @@ def evaluate_pair(
     range_error_m = keypoints_b.range_m[b] - truth.range_m[a]
     bearing_error_rad = wrap_angle(keypoints_b.bearing_rad[b] - truth.bearing_rad[a])
     correct = _within(range_error_m, bearing_error_rad, tolerance) & truth.known[a]
-    near = _within(
-        keypoints_b.range_m - truth.range_m[:, None],
-        wrap_angle(keypoints_b.bearing_rad - truth.bearing_rad[:, None]),
-        tolerance,
-    )
+    possible = _find_possible(truth, keypoints_b, tolerance)
     return MatchQuality(
         matches=len(matches),
-        possible=int((near.any(axis=1) & truth.known).sum()),
+        possible=int(possible.sum()),
         recalled=len(np.unique(a[correct])),
         range_error_m=range_error_m[correct],
         bearing_error_rad=bearing_error_rad[correct],
@@ -95,19 +87,41 @@ def pool_pairs(qualities: abc.Iterable[MatchQuality]) -> MatchQuality:
     )
 
 
-def evaluate_by_truth(
+def evaluate_pairs_by_truth(
     keypoints: abc.Sequence[Keypoints],
     matches: abc.Iterable[Matches],
     world_from_sonar: FloatArray,
     read_truth: abc.Callable[[int], FrameTruth],
-) -> dict[int, MatchQuality]:
-    """Evaluate matches by the true elevations of a simulation.
+) -> abc.Iterator[tuple[Matches, MatchQuality]]:
+    """Evaluate each frame pair by the true elevations of a simulation.
 
     Args:
         keypoints: one set a frame.
         matches: any frame pairs, frame_a before frame_b.
         world_from_sonar: (N, 4, 4) true poses of the frames.
         read_truth: returns the truth of a frame; called once for each frame_a.
+
+    Yields:
+        The matches of each frame pair and their quality, by rising frame_a.
+
+    Raises:
+        AsfmError: the truth of a frame cannot be read.
+    """
+    for frame_a, pairs in groupby(sorted(matches, key=_frame_a), key=_frame_a):
+        elevation_rad = read_truth(frame_a).elevation_rad
+        for pair in pairs:
+            b_from_a = invert(world_from_sonar[pair.frame_b]) @ world_from_sonar[frame_a]
+            truth = find_true_positions(keypoints[frame_a], elevation_rad, b_from_a)
+            yield pair, evaluate_pair(truth, keypoints[pair.frame_b], pair)
+
+
+def evaluate_by_truth(
+    keypoints: abc.Sequence[Keypoints],
+    matches: abc.Iterable[Matches],
+    world_from_sonar: FloatArray,
+    read_truth: abc.Callable[[int], FrameTruth],
+) -> dict[int, MatchQuality]:
+    """Evaluate matches by the true elevations of a simulation, as :func:`evaluate_pairs_by_truth`.
 
     Returns:
         The pooled quality of each frame gap that occurs, in rising order.
@@ -116,13 +130,21 @@ def evaluate_by_truth(
         AsfmError: the truth of a frame cannot be read.
     """
     found: dict[int, list[MatchQuality]] = defaultdict(list)
-    for frame_a, pairs in groupby(sorted(matches, key=_frame_a), key=_frame_a):
-        elevation_rad = read_truth(frame_a).elevation_rad
-        for pair in pairs:
-            b_from_a = invert(world_from_sonar[pair.frame_b]) @ world_from_sonar[frame_a]
-            truth = find_true_positions(keypoints[frame_a], elevation_rad, b_from_a)
-            found[pair.frame_b - frame_a].append(evaluate_pair(truth, keypoints[pair.frame_b], pair))
+    for pair, quality in evaluate_pairs_by_truth(keypoints, matches, world_from_sonar, read_truth):
+        found[pair.frame_b - pair.frame_a].append(quality)
     return {gap: pool_pairs(found[gap]) for gap in sorted(found)}
+
+
+def evaluate_pair_by_arcs(
+    keypoints: abc.Sequence[Keypoints], pair: Matches, world_from_sonar: FloatArray, sonar: SonarModel
+) -> BoolArray:
+    """Return which of the (M,) matches of a frame pair lie on their elevation arc under true poses (N, 4, 4)."""
+    b_from_a = invert(world_from_sonar[pair.frame_b]) @ world_from_sonar[pair.frame_a]
+    pixel_a, pixel_b = (
+        keypoints[frame].range_bearing[index]
+        for frame, index in zip((pair.frame_a, pair.frame_b), pair.index.T, strict=True)
+    )
+    return find_arc_inliers(pixel_a, pixel_b, b_from_a, sonar)
 
 
 def evaluate_by_arcs(
@@ -141,74 +163,29 @@ def evaluate_by_arcs(
     """
     found: dict[int, list[BoolArray]] = defaultdict(list)
     for pair in matches:
-        b_from_a = invert(world_from_sonar[pair.frame_b]) @ world_from_sonar[pair.frame_a]
-        pixel_a, pixel_b = (
-            np.stack([frame.range_m[index], frame.bearing_rad[index]], axis=1)
-            for frame, index in zip((keypoints[pair.frame_a], keypoints[pair.frame_b]), pair.index.T, strict=True)
-        )
-        found[pair.frame_b - pair.frame_a].append(find_arc_inliers(pixel_a, pixel_b, b_from_a, sonar))
+        inlier = evaluate_pair_by_arcs(keypoints, pair, world_from_sonar, sonar)
+        found[pair.frame_b - pair.frame_a].append(inlier)
     return {gap: np.concatenate(found[gap]) for gap in sorted(found)}
-
-
-def evaluate_matching(
-    keypoints: abc.Sequence[Keypoints],
-    matches: abc.Iterable[Matches],
-    sequence: Sequence,
-    read_truth: abc.Callable[[int], FrameTruth] | None,
-    gaps: abc.Iterable[int] = REPORTED_GAPS,
-) -> tuple[EvaluationRow, ...]:
-    """Evaluate the matches of a run for a table: numbers, precision and recall, or arc inlier ratio, per frame gap.
-
-    Precision and recall need the true elevations of a simulation; without them, true poses give the arc inlier ratio.
-    Recall counts over the frame pairs that are listed, with or without matches.
-
-    Args:
-        keypoints: one set a frame.
-        matches: any frame pairs, frame_a before frame_b.
-        sequence: sonar and true poses.
-        read_truth: returns the truth of a frame; None for a recording.
-        gaps: frame gaps to report; those that do not occur have no rows.
-
-    Returns:
-        Rows with keys such as ``match_precision_gap_1``; none where the sequence has no true poses.
-
-    Raises:
-        AsfmError: the truth of a frame cannot be read.
-    """
-    if sequence.groundtruth is None:
-        return ()
-    reported = set(gaps)
-    known = within_reach(sequence.timestamps_s, sequence.groundtruth.timestamps_s)
-    chosen = [
-        pair
-        for pair in matches
-        if pair.frame_b - pair.frame_a in reported and known[pair.frame_a] and known[pair.frame_b]
-    ]
-    world_from_sonar = interpolate_groundtruth(sequence) @ sequence.vehicle_from_sonar
-    rows: list[EvaluationRow] = []
-    if read_truth is None:
-        for gap, inlier in evaluate_by_arcs(keypoints, chosen, world_from_sonar, sequence.sonar).items():
-            ratio = float(inlier.mean()) if len(inlier) else None
-            rows += _list_rows(gap, len(inlier), (("arc_inlier_ratio", "arc inlier ratio", ratio),))
-        return tuple(rows)
-    for gap, quality in evaluate_by_truth(keypoints, chosen, world_from_sonar, read_truth).items():
-        measures = (("precision", "precision", quality.precision), ("recall", "recall", quality.recall))
-        rows += _list_rows(gap, quality.matches, measures)
-    return tuple(rows)
-
-
-def _list_rows(gap: int, count: int, measures: abc.Iterable[tuple[str, str, float | None]]) -> list[EvaluationRow]:
-    """Return the rows of one frame gap; a measure without a value has none."""
-    where = f"frame gap {gap}"
-    rows = [EvaluationRow(f"match_count_gap_{gap}", f"matches, {where}", float(count), "matches")]
-    for key, name, value in measures:
-        if value is not None:
-            rows.append(EvaluationRow(f"match_{key}_gap_{gap}", f"match {name}, {where}", value, ""))
-    return rows
 
 
 def _frame_a(matches: Matches) -> int:
     return matches.frame_a
+
+
+def _find_possible(truth: TruePositions, keypoints_b: Keypoints, tolerance: Tolerance) -> BoolArray:
+    """Return which of frame a's (K,) keypoints have a correct partner among those of frame b.
+
+    Only partners near in range are compared, so that the time does not grow with the product of both numbers.
+    """
+    order = np.argsort(keypoints_b.range_m)
+    sorted_m, reach_m = keypoints_b.range_m[order], tolerance.range_m * (1 + SEARCH_MARGIN) + SEARCH_MARGIN
+    begin = np.searchsorted(sorted_m, truth.range_m - reach_m)
+    count = np.searchsorted(sorted_m, truth.range_m + reach_m) - begin
+    a = np.repeat(np.arange(len(count)), count)
+    b = order[np.arange(len(a)) + np.repeat(begin - np.cumsum(count) + count, count)]
+    bearing_error_rad = wrap_angle(keypoints_b.bearing_rad[b] - truth.bearing_rad[a])
+    near = _within(keypoints_b.range_m[b] - truth.range_m[a], bearing_error_rad, tolerance)
+    return np.asarray((np.bincount(a[near], minlength=len(count)) > 0) & truth.known)
 
 
 def _within(range_error_m: FloatArray, bearing_error_rad: FloatArray, tolerance: Tolerance) -> BoolArray:

@@ -2,7 +2,8 @@
 
 from dataclasses import replace
 
-from asfm.evaluation.pose_error_table import ATE_RMSE, SE3_ALIGNED, EvaluationRow, EvaluationTable, evaluate_trajectory
+from asfm.evaluation.evaluation_table import EvaluationRow, EvaluationTable
+from asfm.evaluation.pose_error_table import ATE_RMSE, SE3_ALIGNED, evaluate_trajectory
 from asfm.geometry.reflection import reflect_after
 from asfm.sequence import Sequence
 from asfm.types import Trajectory

@@ -1,12 +1,13 @@
 """Pose errors of a run as a table: ATE, RPE and hand-tracked points, beside those of the odometry."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from asfm.errors import AsfmError
 from asfm.evaluation.association import PosePairs, associate, describe_coverage
 from asfm.evaluation.clock_offset import describe_clock_offset
+from asfm.evaluation.evaluation_table import EvaluationRow, EvaluationTable
 from asfm.evaluation.hand_tracks import measure_hand_tracks
 from asfm.evaluation.reference_jumps import clean_reference
 from asfm.evaluation.trajectory import (
@@ -36,46 +37,6 @@ SEGMENT_FRACTION = 0.1
 """Fraction of the path over which the longer relative errors are taken."""
 MIN_ODOMETRY_ERROR = 1e-12
 """No ratio is formed with a smaller error of the odometry."""
-
-
-@dataclass(frozen=True)
-class EvaluationRow:
-    """One measure of quality."""
-
-    key: str
-    """Stable name for programs: measure_unit_alignment, as in ``ate_rmse_m_se3``; ratios have no unit."""
-    name: str
-    """Name for readers; states the alignment and that the scale is off, wherever a pose error depends on them."""
-    value: float
-    unit: str
-    odometry: float | None = None
-    """The same measure of the odometry alone; None without odometry."""
-    ratio: float | None = None
-    """value / odometry: below one where the run improves on its odometry; None where they cannot be compared."""
-
-
-@dataclass(frozen=True)
-class EvaluationTable:
-    """All measures of one run."""
-
-    rows: tuple[EvaluationRow, ...]
-    notes: tuple[str, ...] = ()
-    """Limits of the comparison, one sentence each."""
-
-    def as_dict(self) -> dict[str, object]:
-        """Return the content of evaluation.json; every number is finite."""
-        return {"rows": [vars(row).copy() for row in self.rows], "notes": list(self.notes)}
-
-    def row(self, key: str) -> EvaluationRow:
-        """Return the row with a key.
-
-        Raises:
-            KeyError: no row has that key.
-        """
-        for row in self.rows:
-            if row.key == key:
-                return row
-        raise KeyError(key)
 
 
 def evaluate_sequence(sequence: Sequence, estimate: Trajectory, reference: Trajectory | None = None) -> EvaluationTable:

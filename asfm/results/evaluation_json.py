@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from asfm.errors import AsfmError
-from asfm.evaluation.pose_error_table import EvaluationTable
+from asfm.evaluation.evaluation_table import EvaluationTable
 from asfm.results.json_file import write_json
 from asfm.results.results_folder import EVALUATION, EVALUATION_PARTIAL
 

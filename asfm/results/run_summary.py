@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from asfm.diagnostics import Diagnostic
-from asfm.evaluation.pose_error_table import EvaluationTable
+from asfm.evaluation.evaluation_table import EvaluationTable
 from asfm.sequence import Sequence
 from asfm.stages import StageReport
 from asfm.types import Reconstruction

@@ -53,6 +53,11 @@ def test_evaluation_of_a_simulated_run_states_its_bound(
     assert 0.1 < found["nees_position"] < 10 and 0.1 < found["nees_attitude"] < 10
     assert found["match_precision_gap_1"] > 0.9 and 0.2 < found["match_recall_gap_1"] < 1
     assert found["match_count_gap_1"] > found["match_count_gap_2"] > 0
+    assert found["match_count_overall"] > found["match_count_gap_1"] and found["match_precision_overall"] > 0.9
+    assert 0.5 < found["track_purity"] <= 1 and 0 < found["match_coverage"] <= found["keypoint_coverage"] < 1
+    assert abs(found["match_range_bias_px_overall"]) < 2 and 0 < found["match_bearing_sigma_px_overall"] < 5
+    assert "match precision, all frame pairs" in text and "bias of correct matches" not in text
+    assert "more measures" in text and "evaluation.json" in text
     assert 0 <= found["landmarks_well_constrained_share"] <= 1
     assert "bound" not in ask("evaluate", results, "--reference", results / "trajectory.tum")
     header, first, *rows = (results / "tracks.csv").read_text().splitlines()
@@ -145,3 +150,21 @@ def test_a_link_that_leads_nowhere_is_no_missing_file(demo_folder: Path, tmp_pat
     assert run_command_line(["evaluate", str(results)]) == 2
     message = capsys.readouterr().err
     assert "matches.h5: expected " in message and "a link to 'gone', which is missing" in message
+
+
+def test_without_true_poses_a_note_names_what_is_left_out(demo_folder: Path, tmp_path: Path, ask: Ask) -> None:
+    """Points tracked by hand are all there is to compare with."""
+    sequence, results = tmp_path / "seafloor", tmp_path / "results"
+    shutil.copytree(demo_folder / "seafloor", sequence)
+    shutil.copytree(demo_folder / "results", results)
+    stamps_s = read_tum(sequence / "groundtruth.tum").timestamps_s[:4]
+    (sequence / "groundtruth.tum").unlink()
+    shutil.rmtree(sequence / "truth")
+    rows = [f"{stamp},0,3.0,0.1" for stamp in stamps_s]
+    (sequence / "landmarks.csv").write_text("\n".join(["timestamp_s,landmark,range_m,bearing_rad", *rows]))
+    report = json.loads((results / "report.json").read_text())
+    report["sequence"]["path"] = str(sequence)
+    (results / "report.json").write_text(json.dumps(report))
+    text = ask("evaluate", results)
+    assert "range RMSE of hand-tracked points" in text and "match" not in text.split("note: ")[0]
+    assert "note: Matcher quality is without arc inlier ratio, precision, recall" in text

@@ -1,7 +1,7 @@
 """Text of results: aligned columns."""
 
 from asfm.commands.text import align, describe_errors
-from asfm.evaluation.pose_error_table import EvaluationTable
+from asfm.evaluation.evaluation_table import EvaluationTable
 
 
 def test_numbers_are_aligned_to_the_right_and_text_to_the_left() -> None:

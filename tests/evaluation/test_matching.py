@@ -11,7 +11,6 @@ from asfm.evaluation.matching import (
     MatchQuality,
     evaluate_by_arcs,
     evaluate_by_truth,
-    evaluate_matching,
     evaluate_pair,
     pool_pairs,
 )
@@ -197,36 +196,16 @@ def test_gaps_are_evaluated_apart() -> None:
     assert inlier[1][:16].all() and not inlier[1][16:].any() and not inlier[3].any()
 
 
-def test_rows_of_a_simulation_are_precision_and_recall() -> None:
-    run = Run()
-    matches = [matches_of([*same(12), *shifted(run.keypoints[1], 4)], 0, 1), matches_of([], 2, 3)]
-    rows = evaluate_matching(run.keypoints, [*matches, matches_of(same(3), 0, 3)], run.sequence, run.read_truth)
-    assert {row.key: row.value for row in rows} == {
-        "match_count_gap_1": 16,
-        "match_precision_gap_1": 12 / 16,
-        "match_recall_gap_1": 12 / 60,
-    }
-    assert len({row.name for row in rows}) == 3 and all("frame gap 1" in row.name for row in rows)
-    rows = evaluate_matching(run.keypoints, [matches_of(same(3), 0, 3)], run.sequence, run.read_truth, gaps=(3,))
-    assert [(row.key, row.value) for row in rows][1] == ("match_precision_gap_3", 1.0)
-
-
-def test_rows_of_a_recording_are_arc_inlier_ratios() -> None:
-    run = Run()
-    matches = [matches_of([*same(12), *shifted(run.keypoints[1], 4)], 0, 1), matches_of([], 0, 2)]
-    rows = evaluate_matching(run.keypoints, matches, run.sequence, None)
-    assert {row.key: row.value for row in rows} == {
-        "match_count_gap_1": 16,
-        "match_arc_inlier_ratio_gap_1": 12 / 16,
-        "match_count_gap_2": 0,
-    }
-    assert evaluate_matching(run.keypoints, matches, replace(run.sequence, groundtruth=None), None) == ()
-    assert run.sequence.groundtruth is not None
-    half = Trajectory(np.arange(2.0), run.sequence.groundtruth.world_from_vehicle[:2])
-    with_half = replace(run.sequence, groundtruth=half)
-    rows = evaluate_matching(run.keypoints, [*matches, matches_of(same(9), 2, 3)], with_half, None)
-    assert [row.value for row in rows] == [16, 12 / 16], "frames 2 and 3 have no true pose"
-    assert evaluate_matching([], [], run.sequence, None) == ()
+@pytest.mark.parametrize("seed", range(3))
+def test_possible_partners_are_those_of_a_search_over_all_pairs(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    b = keypoints_at(rng.uniform(1, 3, 300), rng.uniform(-np.pi, np.pi, 300))
+    truth = TruePositions(rng.uniform(0.8, 3.2, 200), rng.uniform(-np.pi, np.pi, 200), rng.random(200) < 0.8)
+    bearing_error_rad = np.angle(np.exp(1j * (b.bearing_rad - truth.bearing_rad[:, None])))
+    near = (np.abs(b.range_m - truth.range_m[:, None]) <= 0.1) & (np.abs(bearing_error_rad) <= np.radians(1.5))
+    expected = int((near.any(axis=1) & truth.known).sum())
+    assert 0 < expected < 200
+    assert evaluate_pair(truth, b, matches_of([])).possible == expected
 
 
 def test_bearings_on_either_side_of_half_a_turn_agree() -> None:

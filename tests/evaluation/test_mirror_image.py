@@ -7,8 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from asfm.diagnostics import CODES
+from asfm.evaluation.evaluation_table import EvaluationTable
 from asfm.evaluation.mirror_image import ATE_RMSE_MIRRORED, MIRROR_AMBIGUITY, add_mirror_image
-from asfm.evaluation.pose_error_table import ATE_RMSE, EvaluationTable, evaluate_sequence
+from asfm.evaluation.pose_error_table import ATE_RMSE, evaluate_sequence
 from asfm.geometry.poses import invert, make_pose
 from asfm.sequence import Sequence
 from asfm.types import Trajectory

@@ -12,13 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from asfm.datasets import open_sequence
 from asfm.errors import AsfmError
-from asfm.evaluation.pose_error_table import (
-    ATE_OVER_PATH,
-    ATE_RMSE,
-    EvaluationTable,
-    evaluate_sequence,
-    evaluate_trajectory,
-)
+from asfm.evaluation.evaluation_table import EvaluationTable
+from asfm.evaluation.pose_error_table import ATE_OVER_PATH, ATE_RMSE, evaluate_sequence, evaluate_trajectory
 from asfm.geometry.poses import make_pose
 from asfm.geometry.sonar import SonarModel
 from asfm.sequence import Sequence

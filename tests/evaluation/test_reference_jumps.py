@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from asfm.datasets import open_sequence
 from asfm.errors import AsfmError
-from asfm.evaluation.pose_error_table import ATE_RMSE, EvaluationTable, evaluate_trajectory
+from asfm.evaluation.evaluation_table import EvaluationTable
+from asfm.evaluation.pose_error_table import ATE_RMSE, evaluate_trajectory
 from asfm.evaluation.reference_jumps import clean_reference
 from asfm.geometry.poses import make_pose
 from asfm.types import FloatArray, Trajectory

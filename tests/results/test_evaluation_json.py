@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from asfm.errors import AsfmError
-from asfm.evaluation.pose_error_table import EvaluationTable
+from asfm.evaluation.evaluation_table import EvaluationTable
 from asfm.results.evaluation_json import write_evaluation
 
 
