@@ -9,16 +9,15 @@ from asfm.evaluation.association import PosePairs, associate, describe_coverage
 from asfm.evaluation.clock_offset import describe_clock_offset
 from asfm.evaluation.evaluation_table import EvaluationRow, EvaluationTable
 from asfm.evaluation.hand_tracks import measure_hand_tracks
+from asfm.evaluation.pose_accuracy import list_accuracy
 from asfm.evaluation.reference_jumps import clean_reference
+from asfm.evaluation.relative_pose_errors import list_relative_errors
 from asfm.evaluation.trajectory import (
     absolute_errors,
     align_first_pose,
     align_rotations,
     align_se3,
-    pairs_by_distance,
-    pairs_by_step,
     path_length_m,
-    relative_errors,
     stationary_error_m,
     summarise,
 )
@@ -33,8 +32,6 @@ ATE_RMSE = "ate_rmse_m_se3"
 """Key of the absolute trajectory error, RMSE after SE(3) alignment."""
 ATE_OVER_PATH = "ate_over_path_percent_se3"
 """Key of that error over the length of the reference path."""
-SEGMENT_FRACTION = 0.1
-"""Fraction of the path over which the longer relative errors are taken."""
 MIN_ODOMETRY_ERROR = 1e-12
 """No ratio is formed with a smaller error of the odometry."""
 
@@ -84,7 +81,9 @@ def evaluate_trajectory(groundtruth: Trajectory, odometry: Trajectory | None, es
     if odometry is not None and not comparable:
         covered = 0 if odometry_pairs is None else len(odometry_pairs)
         notes.append(f"The odometry covers {covered} of the {len(pairs)} poses compared: no ratios are given.")
-    odometry_rows = [] if odometry_pairs is None else _measure(odometry_pairs)
+    errors, shares = _measure(pairs), _measure_accuracy(pairs)
+    odometry_errors = [] if odometry_pairs is None else _measure(odometry_pairs)
+    odometry_shares = [] if odometry_pairs is None else _measure_accuracy(odometry_pairs)
     rows = [
         EvaluationRow("poses_compared", "poses compared", float(len(pairs)), "poses"),
         EvaluationRow("reference_path_m", "path length of the reference", path_length_m(pairs.reference), "m"),
@@ -95,7 +94,9 @@ def evaluate_trajectory(groundtruth: Trajectory, odometry: Trajectory | None, es
             "m",
         ),
     ]
-    return EvaluationTable((*rows, *_set_beside(_measure(pairs), odometry_rows, comparable)), tuple(notes))
+    rows += _set_beside(errors, odometry_errors, comparable)
+    rows += _set_beside(shares, odometry_shares, comparable=False)
+    return EvaluationTable(tuple(rows), tuple(notes))
 
 
 def _pair_odometry(pairs: PosePairs, odometry: Trajectory | None) -> PosePairs | None:
@@ -109,18 +110,31 @@ def _pair_odometry(pairs: PosePairs, odometry: Trajectory | None) -> PosePairs |
     return PosePairs(at_stamps.timestamps_s, estimate=at_stamps.reference, reference=at_stamps.estimate)
 
 
+def _measure_accuracy(pairs: PosePairs) -> list[EvaluationRow]:
+    """Measure the shares of poses within thresholds; larger is better."""
+    aligned = align_se3(pairs.estimate, pairs.reference) @ pairs.estimate
+    translation_m, _ = absolute_errors(aligned, pairs.reference)
+    _, rotation_rad = absolute_errors(_turn(pairs), pairs.reference)
+    return list_accuracy(translation_m, rotation_rad, path_length_m(pairs.reference))
+
+
+def _turn(pairs: PosePairs) -> FloatArray:
+    """Return the estimate (N, 4, 4) with its rotations aligned by themselves, and its own positions."""
+    turned = pairs.estimate.copy()
+    turned[:, :3, :3] = align_rotations(turned, pairs.reference) @ turned[:, :3, :3]
+    return turned
+
+
 def _measure(pairs: PosePairs) -> list[EvaluationRow]:
     aligned, from_first = (
         align(pairs.estimate, pairs.reference) @ pairs.estimate for align in (align_se3, align_first_pose)
     )
-    turned = pairs.estimate.copy()
-    turned[:, :3, :3] = align_rotations(turned, pairs.reference) @ turned[:, :3, :3]
     return [
         *_position_errors(aligned, pairs.reference, "se3", SE3_ALIGNED),
-        _rotation_error(turned, pairs.reference, "aligned", ROTATIONS_ALIGNED),
+        _rotation_error(_turn(pairs), pairs.reference, "aligned", ROTATIONS_ALIGNED),
         *_position_errors(from_first, pairs.reference, "first_pose", FIRST_POSE_ALIGNED),
         _rotation_error(from_first, pairs.reference, "first_pose", FIRST_POSE_ALIGNED),
-        *_relative_errors(pairs),
+        *list_relative_errors(pairs),
     ]
 
 
@@ -142,24 +156,6 @@ def _position_errors(aligned: FloatArray, reference: FloatArray, suffix: str, al
 def _rotation_error(aligned: FloatArray, reference: FloatArray, suffix: str, alignment: str) -> EvaluationRow:
     rotation_deg = float(np.degrees(summarise(absolute_errors(aligned, reference)[1]).rmse))
     return EvaluationRow(f"rotation_rmse_deg_{suffix}", f"rotation RMSE, {alignment}", rotation_deg, "deg")
-
-
-def _relative_errors(pairs: PosePairs) -> list[EvaluationRow]:
-    """Measure the relative pose errors over one frame, and over a fraction of the path."""
-    segment_m = SEGMENT_FRACTION * path_length_m(pairs.reference)
-    segments = (
-        ("frame", "one frame", pairs_by_step(len(pairs))),
-        ("segment", f"{100 * SEGMENT_FRACTION:.0f} % of the path", pairs_by_distance(pairs.reference, segment_m)),
-    )
-    rows = []
-    for suffix, segment, (first, last) in segments:
-        if len(first):
-            translation_m, rotation_rad = relative_errors(pairs.estimate, pairs.reference, first, last)
-            translation = f"rpe_translation_rmse_m_{suffix}", f"RPE translation RMSE over {segment}, scale off"
-            rotation = f"rpe_rotation_rmse_deg_{suffix}", f"RPE rotation RMSE over {segment}, scale off"
-            rows.append(EvaluationRow(*translation, summarise(translation_m).rmse, "m"))
-            rows.append(EvaluationRow(*rotation, float(np.degrees(summarise(rotation_rad).rmse)), "deg"))
-    return rows
 
 
 def _compare_hand_tracks(sequence: Sequence, estimate: Trajectory, truth: Trajectory | None) -> list[EvaluationRow]:

@@ -66,6 +66,9 @@ def test_ratio_is_the_estimate_over_the_odometry() -> None:
     assert table.notes == ()
     for row in table.rows[3:]:
         assert row.odometry is not None
+        if row.unit == "":
+            assert row.ratio is None, "more poses within a threshold are better"
+            continue
         assert row.ratio is not None
         assert row.ratio == pytest.approx(row.value / row.odometry)
     ratio = table.row(ATE_RMSE).ratio
@@ -85,7 +88,7 @@ def test_every_pose_error_states_alignment_and_scale() -> None:
             assert [name for suffix, name in alignments.items() if row.key.endswith(suffix) and name in row.name]
         if row.key.startswith("rpe_"):
             assert "scale off" in row.name
-        assert {"m": "_m", "deg": "_deg", "%": "_percent", "poses": "poses_"}[row.unit] in row.key
+        assert {"m": "_m", "deg": "_deg", "%": "_percent", "poses": "poses_", "": "pose"}[row.unit] in row.key
 
 
 def test_keys_are_stable() -> None:
@@ -96,7 +99,12 @@ def test_keys_are_stable() -> None:
     expected += [*(f"{key}_se3" for key in absolute[:-1]), "rotation_rmse_deg_aligned"]
     expected += [f"{key}_first_pose" for key in absolute]
     expected += ["rpe_translation_rmse_m_frame", "rpe_rotation_rmse_deg_frame"]
-    expected += ["rpe_translation_rmse_m_segment", "rpe_rotation_rmse_deg_segment"]
+    for length in ("segment", *(f"{percent}_percent_of_path" for percent in (5, 20, 50))):
+        expected += [f"rpe_translation_rmse_m_{length}", f"rpe_rotation_rmse_deg_{length}"]
+    for measure in ("poses_within", "pose_auc"):
+        expected += [f"{measure}_{at}_percent_{at}_deg" for at in (1, 2, 5, 10)]
+    expected += [f"poses_position_within_{at}_percent" for at in (1, 2, 5, 10)]
+    expected += [f"poses_rotation_within_{at}_deg" for at in (1, 2, 5, 10)]
     assert [row.key for row in table.rows] == expected
 
 
@@ -112,6 +120,21 @@ def test_rotations_do_not_depend_on_a_path_that_is_nearly_a_line() -> None:
         replace(truth, world_from_vehicle=line), None, replace(truth, world_from_vehicle=shaken)
     )
     assert table.row("rotation_rmse_deg_aligned").value < 1e-4
+
+
+def test_shares_of_poses_are_those_of_the_aligned_errors() -> None:
+    """Half of the rotations are off by 3 degrees to either side; the positions are exact."""
+    truth = walk(count=40)
+    tilted = truth.world_from_vehicle.copy()
+    angle_rad = np.radians(np.tile([0.0, 0.0, 3.0, -3.0], 10))
+    off = Rotation.from_rotvec(angle_rad[:, None] * [0.0, 0.0, 1.0])
+    tilted[:, :3, :3] = tilted[:, :3, :3] @ off.as_matrix()
+    table = evaluate_trajectory(truth, None, replace(truth, world_from_vehicle=tilted))
+    assert table.row("poses_within_1_percent_1_deg").value == pytest.approx(0.5)
+    assert table.row("poses_within_5_percent_5_deg").value == 1.0
+    assert table.row("pose_auc_10_percent_10_deg").value == pytest.approx(0.85, abs=0.02)
+    assert table.row("poses_position_within_1_percent").value == 1.0
+    assert table.row("poses_rotation_within_2_deg").value == pytest.approx(0.5)
 
 
 def test_standing_still_scores_the_spread_of_the_path() -> None:
@@ -215,5 +238,6 @@ def test_recorded_odometry_has_ratio_one_to_itself(shared_data: Path) -> None:
     assert sequence.odometry is not None
     table = evaluate_sequence(sequence, sequence.odometry)
     assert_json_holds(table)
-    assert all(row.ratio == pytest.approx(1.0) for row in table.rows[3:])
+    assert all(row.ratio == pytest.approx(1.0) for row in table.rows[3:] if row.unit)
+    assert all(row.odometry == row.value for row in table.rows[3:])
     assert table.row(FIRST_POSE_ATE).value > table.row(ATE_RMSE).value
