@@ -98,6 +98,25 @@ def evaluate(
 
 
 @app.command()
+def compare(
+    results: Annotated[list[Path], typer.Argument(help="Results folders written by asfm run.", metavar="RESULTS...")],
+    output: Annotated[
+        Path | None, typer.Option(help="Folder for the table as CSV, and a plot of precision against ATE.")
+    ] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Compare runs side by side: matcher quality and pose errors."""
+    from asfm.commands import compare_folders
+    from asfm.commands.compare_files import describe_comparison
+
+    with show_progress() as progress:
+        comparison = compare_folders(results, output, overwrite, progress)
+    print_lines(describe_comparison(comparison))
+    if output is not None:
+        print_lines([f"table and plot: {output}"])
+
+
+@app.command()
 def view(results: RecordingPath) -> None:
     """Open the recording of a run in the Rerun viewer."""
     from asfm.commands import view_folder

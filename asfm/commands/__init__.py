@@ -7,6 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from asfm.commands.compare import compare_folders
     from asfm.commands.convert import convert_sequence
     from asfm.commands.demo import run_demo
     from asfm.commands.denoise import DenoiseSources, denoise_sources
@@ -21,6 +22,7 @@ __all__ = [
     "DenoiseSources",
     "RunSummary",
     "SimulationOptions",
+    "compare_folders",
     "convert_sequence",
     "denoise_sources",
     "describe_sequence",
@@ -35,6 +37,7 @@ _MODULES = {
     "DenoiseSources": "asfm.commands.denoise",
     "RunSummary": "asfm.results.run_summary",
     "SimulationOptions": "asfm.commands.simulate",
+    "compare_folders": "asfm.commands.compare",
     "convert_sequence": "asfm.commands.convert",
     "denoise_sources": "asfm.commands.denoise",
     "describe_sequence": "asfm.commands.describe",

@@ -57,12 +57,21 @@ def evaluate_folder(folder: Path, reference: Path | None = None) -> EvaluationTa
         AsfmError: the folder, the sequence or the reference cannot be read, there are no true poses, or
             evaluation.json cannot be written.
     """
+    table = compare_with_truth(folder, reference)
+    write_evaluation(folder, table)
+    return table
+
+
+def compare_with_truth(folder: Path, reference: Path | None = None) -> EvaluationTable:
+    """Compare as :func:`evaluate_folder`, and write nothing.
+
+    Raises:
+        AsfmError: the folder, the sequence or the reference cannot be read, or there are no true poses.
+    """
     source = Path(read_report(folder)["sequence"]["path"])
     estimate = read_trajectory(folder / TRAJECTORY)
     truth = read_tum(reference, may_be_lost=True) if reference is not None else None
-    table = _compare(folder, source, estimate, truth)
-    write_evaluation(folder, table)
-    return table
+    return _compare(folder, source, estimate, truth)
 
 
 def _compare(folder: Path, source: Path, estimate: Trajectory, truth: Trajectory | None) -> EvaluationTable:

@@ -86,7 +86,9 @@ def run_sequence(
         evaluation, remarks = _evaluate(folder, sequence, result)
         diagnostics = tuple(dict.fromkeys((*sequence.diagnostics, *result.diagnostics, *remarks)))
         wall_s = time.perf_counter() - begin_s
-        summary = RunSummary(output, path, sequence, result, run.stages, diagnostics, evaluation, wall_s)
+        summary = RunSummary(
+            output, path, sequence, result, run.stages, diagnostics, evaluation, wall_s, external_matches
+        )
         write_report(folder / REPORT, summary, config)
     return summary
 

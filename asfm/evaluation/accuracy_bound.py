@@ -22,6 +22,8 @@ from asfm.navigation.frame_navigation import read_navigation
 from asfm.sequence import Sequence
 from asfm.types import BoolArray, FloatArray, FrameTruth, Tracks, Trajectory
 
+BOUND_ATE = "bound_ate_rmse_m_se3"
+"""Key of the bound, RMSE after SE(3) alignment."""
 DRAWS = 3
 """Draws of the noise over which the bound is averaged."""
 RELATIVE_COST_TOLERANCE = 1e-5
@@ -96,7 +98,7 @@ def add_bound(table: EvaluationTable, bound: Bound) -> EvaluationTable:
     odometry_m = ate.odometry if ate.ratio is not None else None
     ratio = bound.ate_m / odometry_m if odometry_m else None
     name = f"bound (true associations, ideal points), {SE3_ALIGNED}"
-    rows = [EvaluationRow("bound_ate_rmse_m_se3", name, bound.ate_m, "m", odometry_m, ratio)]
+    rows = [EvaluationRow(BOUND_ATE, name, bound.ate_m, "m", odometry_m, ratio)]
     if bound.ate_m > 0:
         rows.append(EvaluationRow("ate_over_bound", f"ATE / bound, {SE3_ALIGNED}", ate.value / bound.ate_m, ""))
     range_m, bearing_deg = float(bound.sigma[0]), float(np.degrees(bound.sigma[1]))

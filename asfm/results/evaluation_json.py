@@ -1,11 +1,17 @@
-"""evaluation.json: the pose errors of a run."""
+"""evaluation.json: pose errors, consistency and matcher quality of a run."""
 
+import math
 from pathlib import Path
+from typing import Any
 
-from asfm.errors import AsfmError
-from asfm.evaluation.evaluation_table import EvaluationTable
+from asfm.errors import AsfmError, quote
+from asfm.evaluation.evaluation_table import EvaluationRow, EvaluationTable
 from asfm.results.json_file import write_json
 from asfm.results.results_folder import EVALUATION, EVALUATION_PARTIAL
+from asfm.safe_json import read_json
+
+EXPECTED = "an evaluation that asfm wrote"
+REMEDY = "run asfm evaluate again"
 
 
 def write_evaluation(folder: Path, table: EvaluationTable) -> None:
@@ -22,3 +28,38 @@ def write_evaluation(folder: Path, table: EvaluationTable) -> None:
         raise AsfmError(f"{path}: cannot write: {error.strerror}") from None
     finally:
         partial.unlink(missing_ok=True)
+
+
+def read_evaluation(folder: Path) -> EvaluationTable:
+    """Read the evaluation in a results folder.
+
+    Raises:
+        AsfmError: there is none, it cannot be read, or it is none that asfm wrote.
+    """
+    path = folder / EVALUATION
+    content = read_json(path, EXPECTED)
+    rows, notes = (content.get(key) if isinstance(content, dict) else None for key in ("rows", "notes"))
+    if not isinstance(rows, list) or not isinstance(notes, list) or not all(isinstance(note, str) for note in notes):
+        raise AsfmError(f"{path}: expected {EXPECTED}, with rows and notes, found none of these; {REMEDY}")
+    return EvaluationTable(tuple(_read_row(path, number, row) for number, row in enumerate(rows)), tuple(notes))
+
+
+def _read_row(path: Path, number: int, row: Any) -> EvaluationRow:
+    """Check one row; a missing ratio or value of the odometry is None."""
+    cells = row if isinstance(row, dict) else {}
+    key, name, unit = (cells.get(column) for column in ("key", "name", "unit"))
+    if not (isinstance(key, str) and isinstance(name, str) and isinstance(unit, str)):
+        raise AsfmError(f"{path}, row {number}: expected a key, a name and a unit, found {quote(row)}; {REMEDY}")
+    value, odometry, ratio = (_read_number(path, number, cells, column) for column in ("value", "odometry", "ratio"))
+    if value is None:
+        raise AsfmError(f"{path}, row {number}: expected a value, found none; {REMEDY}")
+    return EvaluationRow(key, name, value, unit, odometry, ratio, cells.get("detail") is True)
+
+
+def _read_number(path: Path, number: int, cells: dict[str, Any], column: str) -> float | None:
+    value = cells.get(column)
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise AsfmError(f"{path}, row {number}: expected a finite number as {column}, found {quote(value)}; {REMEDY}")
+    return float(value)

@@ -39,6 +39,7 @@ def build_report(summary: RunSummary, config: Config) -> dict[str, Any]:
         },
         "seed": config.seed,
         "mode": config.mode,
+        "external_matches": [path.resolve() for path in summary.external_matches or ()],
         "counts": {
             "poses": len(summary.reconstruction.trajectory.timestamps_s),
             "tracks": summary.reconstruction.tracks.count,
@@ -71,6 +72,12 @@ def read_report(folder: Path) -> dict[str, Any]:
     if "\0" in report["sequence"]["path"] or len(report["sequence"]["path"]) > MAX_PATH:
         raise AsfmError(f"{path}: expected the sequence's path in it, found {quote(report['sequence']['path'])}")
     return report
+
+
+def external_features(report: dict[str, Any]) -> Path | None:
+    """Return the file of the keypoints that a run took from another detector; None where it detected its own."""
+    files = report.get("external_matches")
+    return Path(files[0]) if isinstance(files, list) and files and isinstance(files[0], str) else None
 
 
 def warning_codes(report: dict[str, Any]) -> frozenset[str]:

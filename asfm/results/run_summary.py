@@ -27,3 +27,5 @@ class RunSummary:
     """None where the sequence has nothing to compare with."""
     wall_s: float
     """From opening the sequence until all results but the report were written."""
+    external_matches: tuple[Path, Path] | None = None
+    """Files of keypoints and matches that replaced asfm's own."""

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from asfm.errors import AsfmError
-from asfm.evaluation.evaluation_table import EvaluationTable
-from asfm.results.evaluation_json import write_evaluation
+from asfm.evaluation.evaluation_table import EvaluationRow, EvaluationTable
+from asfm.results.evaluation_json import read_evaluation, write_evaluation
 
 
 def test_evaluation_is_replaced(tmp_path: Path) -> None:
@@ -28,3 +28,39 @@ def test_failed_write_keeps_the_old_evaluation(tmp_path: Path, monkeypatch: pyte
         write_evaluation(tmp_path, EvaluationTable((), ("new",)))
     assert [path.name for path in tmp_path.iterdir()] == ["evaluation.json"]
     assert json.loads((tmp_path / "evaluation.json").read_text())["notes"] == ["old"]
+
+
+def test_an_evaluation_reads_back(tmp_path: Path) -> None:
+    rows = (
+        EvaluationRow("ate_m", "ATE", 0.1, "m", 0.3, 1 / 3),
+        EvaluationRow("match_recall", "recall", 1.0, "", detail=True),
+    )
+    write_evaluation(tmp_path, EvaluationTable(rows, ("a note",)))
+    assert read_evaluation(tmp_path) == EvaluationTable(rows, ("a note",))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "expected an evaluation that asfm wrote"),
+        ("[", "cannot read an evaluation"),
+        ("[]", "with rows and notes"),
+        ('{"rows": [], "notes": [1]}', "with rows and notes"),
+        ('{"rows": [3], "notes": []}', "row 0: expected a key, a name and a unit, found 3"),
+        ('{"rows": [{"key": "a", "name": "a", "unit": "m"}], "notes": []}', "row 0: expected a value, found none"),
+        (
+            '{"rows": [{"key": "a", "name": "a", "unit": "m", "value": NaN}], "notes": []}',
+            "finite number as value, found nan",
+        ),
+        (
+            '{"rows": [{"key": "a", "name": "a", "unit": "m", "value": 1, "ratio": "x"}], "notes": []}',
+            "finite number as ratio, found 'x'; run asfm evaluate again",
+        ),
+    ],
+)
+def test_a_damaged_evaluation_is_a_one_line_error(tmp_path: Path, content: str | None, message: str) -> None:
+    if content is not None:
+        (tmp_path / "evaluation.json").write_text(content)
+    with pytest.raises(AsfmError, match=message) as caught:
+        read_evaluation(tmp_path)
+    assert "\n" not in str(caught.value)

@@ -1,6 +1,7 @@
 """report.json: diagnostics as objects, and errors of the reader."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from asfm.config import Config
 from asfm.diagnostics import Diagnostic
 from asfm.errors import AsfmError
 from asfm.geometry.sonar import SonarModel
-from asfm.results.report_json import read_report, warning_codes, write_report
+from asfm.results.report_json import external_features, read_report, warning_codes, write_report
 from asfm.results.run_summary import RunSummary
 from asfm.sequence import Sequence
 from asfm.stages import StageReport
@@ -56,6 +57,16 @@ def test_report_states_sequence_counts_stages_and_diagnostics(tmp_path: Path) ->
         },
         {"code": "estimated-range-bias", "message": "a bias of 0.02 m", "frames": [], "severity": "info"},
     ]
+
+
+def test_files_of_external_matches_are_named(tmp_path: Path) -> None:
+    summary = make_summary(tmp_path)
+    write_report(tmp_path / "report.json", summary, Config())
+    assert external_features(read_report(tmp_path)) is None
+    files = (tmp_path / "features.h5", tmp_path / "matches.h5")
+    write_report(tmp_path / "report.json", replace(summary, external_matches=files), Config())
+    assert external_features(read_report(tmp_path)) == files[0]
+    assert [external_features({"external_matches": found}) for found in (3, [], [4], None)] == [None] * 4
 
 
 @pytest.mark.parametrize(
