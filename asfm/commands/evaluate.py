@@ -88,7 +88,9 @@ def _compare(folder: Path, source: Path, estimate: Trajectory, truth: Trajectory
     table = evaluate_sequence(sequence, estimate, truth)
     if MIRROR_AMBIGUITY in warning_codes(read_report(folder)):
         table = add_mirror_image(table, sequence, estimate, truth)
-    return table if truth is not None else _add_truth(folder, source, whole, chosen, table)
+    if truth is not None:
+        return _add_matches(folder, source, whole, chosen, table, clean_reference(truth, estimate)[0])
+    return _add_truth(folder, source, whole, chosen, table)
 
 
 def _read_config(folder: Path) -> Config:
@@ -140,6 +142,20 @@ def _add_truth(
     from asfm.evaluation.accuracy_bound import add_bound, measure_bound  # loads SciPy
 
     return add_bound(table, measure_bound(sequence, read_truth, tracks, observed, config))
+
+
+def _add_matches(
+    folder: Path, source: Path, whole: Sequence, chosen: IntArray, table: EvaluationTable, reference: Trajectory
+) -> EvaluationTable:
+    """Add the quality of the matches under reference poses; true elevations would belong to the sequence's own."""
+    if len(chosen) < 2 or not all(is_present(folder / name) for name in (TRACKS, FEATURES, MATCHES)):
+        return table
+    origin_m = local_origin(reference.world_from_vehicle[:, :3, 3])
+    sequence = shift_poses_of(replace(take_frames(whole, chosen), groundtruth=reference), -origin_m)
+    found = read_hloc(folder / FEATURES, folder / MATCHES, sequence, name_images(source, whole).take(chosen))
+    tracks, _, _ = read_tracks(folder / TRACKS, len(sequence))
+    rows, remarks = evaluate_matcher(found.keypoints, found.matches, tracks, sequence, None)
+    return EvaluationTable(table.rows + rows, table.notes + remarks)
 
 
 def _check_frames(path: Path, estimate: Trajectory, sequence: Sequence) -> None:

@@ -86,8 +86,14 @@ def test_points_of_another_run_are_refused(demo_folder: Path, tmp_path: Path, ca
 def test_reference_replaces_the_truth(demo_folder: Path, tmp_path: Path, ask: Ask, capsys: Any) -> None:
     results = tmp_path / "results"
     ask("run", demo_folder / "seafloor", "--output", results, "--no-rerun")
+    by_truth = evaluate_folder(results)
     table = evaluate_folder(results, results / "trajectory.tum")
     assert table.row("ate_rmse_m_se3").value == pytest.approx(0, abs=1e-9)
+    assert table.row("match_arc_inlier_ratio_overall").value > 0.8
+    assert not [row.key for row in table.rows if "precision" in row.key]
+    table = evaluate_folder(results, demo_folder / "seafloor" / "groundtruth.tum")
+    for key in ("match_arc_inlier_ratio_overall", "match_arc_inlier_ratio_gap_1", "match_count_gap_2"):
+        assert table.row(key).value == pytest.approx(by_truth.row(key).value, abs=1e-6)
     report = json.loads((results / "report.json").read_text())
     report["sequence"]["path"] = str(tmp_path / "gone")
     (results / "report.json").write_text(json.dumps(report))

@@ -5,9 +5,12 @@ import math
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from evo.core import metrics
+from evo.core.trajectory import PosePath3D
 from scipy.spatial.transform import Rotation
 
 from asfm.datasets import open_sequence
@@ -135,6 +138,27 @@ def test_shares_of_poses_are_those_of_the_aligned_errors() -> None:
     assert table.row("pose_auc_10_percent_10_deg").value == pytest.approx(0.85, abs=0.02)
     assert table.row("poses_position_within_1_percent").value == 1.0
     assert table.row("poses_rotation_within_2_deg").value == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_absolute_and_relative_errors_are_those_of_evo(seed: int) -> None:
+    """evo is an oracle of the tests only."""
+    truth, estimate = walk(), walk(seed, sigma_m=0.2)
+    value = {row.key: row.value for row in evaluate_trajectory(truth, None, estimate).rows}
+    translation, rotation = metrics.PoseRelation.translation_part, metrics.PoseRelation.rotation_angle_deg
+    step: dict[str, Any] = {"delta": 1, "delta_unit": metrics.Unit.frames, "all_pairs": True}
+    for key, metric, align in (
+        ("ate_rmse_m_se3", metrics.APE(translation), "align"),
+        ("ate_rmse_m_first_pose", metrics.APE(translation), "align_origin"),
+        ("rotation_rmse_deg_first_pose", metrics.APE(rotation), "align_origin"),
+        ("rpe_translation_rmse_m_frame", metrics.RPE(translation, **step), None),
+        ("rpe_rotation_rmse_deg_frame", metrics.RPE(rotation, **step), None),
+    ):
+        reference, aligned = (PosePath3D(poses_se3=list(each.world_from_vehicle)) for each in (truth, estimate))
+        if align is not None:
+            getattr(aligned, align)(reference)
+        metric.process_data((reference, aligned))
+        assert value[key] == pytest.approx(metric.get_statistic(metrics.StatisticsType.rmse), abs=1e-6), key
 
 
 def test_standing_still_scores_the_spread_of_the_path() -> None:
