@@ -38,27 +38,29 @@ def list_accuracy(translation_m: FloatArray, rotation_rad: FloatArray, path_m: f
         path_m: length of the reference path.
     """
     rotation_deg = np.degrees(rotation_rad)
-    alone = [_list_shares("rotation", "rotation", "{0}_deg", "{0} deg", rotation_deg)]
+    of_rotations = _list_shares("rotation", "deg", "deg", rotation_deg)
     if path_m <= 0:
-        return alone[0]
+        return of_rotations
     percent = 100 * translation_m / path_m
-    alone.append(_list_shares("position", "position", "{0}_percent", "{0} % of the path", percent))
     worse = np.maximum(percent, rotation_deg)
-    rows = []
-    for at in THRESHOLDS:
-        key, name = f"{at}_percent_{at}_deg", f"{at} % of the path and {at} deg, {ALIGNMENT}"
-        rows.append(EvaluationRow(f"poses_within_{key}", f"share of poses within {name}", share_within(worse, at), ""))
-    for at in THRESHOLDS:
-        key, name = f"{at}_percent_{at}_deg", f"{at} % of the path and {at} deg, {ALIGNMENT}"
-        rows.append(EvaluationRow(f"pose_auc_{key}", f"pose AUC up to {name}", area_under_curve(worse, at), ""))
-    return [*rows, *alone[1], *alone[0]]
+    named = [(at, f"{at}_percent_{at}_deg", f"{at} % of the path and {at} deg, {ALIGNMENT}") for at in THRESHOLDS]
+    shares = (
+        EvaluationRow(f"poses_within_{key}", f"share of poses within {name}", share_within(worse, at), "")
+        for at, key, name in named
+    )
+    areas = (
+        EvaluationRow(f"pose_auc_{key}", f"pose AUC up to {name}", area_under_curve(worse, at), "")
+        for at, key, name in named
+    )
+    return [*shares, *areas, *_list_shares("position", "percent", "% of the path", percent), *of_rotations]
 
 
-def _list_shares(key: str, what: str, key_unit: str, unit: str, error: FloatArray) -> list[EvaluationRow]:
+def _list_shares(what: str, unit_key: str, unit: str, error: FloatArray) -> list[EvaluationRow]:
+    """Return the shares of (N,) errors of the position or the rotation alone, which are not printed."""
     return [
         EvaluationRow(
-            f"poses_{key}_within_{key_unit.format(at)}",
-            f"share of poses with a {what} within {unit.format(at)}, {ALIGNMENT}",
+            f"poses_{what}_within_{at}_{unit_key}",
+            f"share of poses with a {what} error within {at} {unit}, {ALIGNMENT}",
             share_within(error, at),
             "",
             detail=True,
