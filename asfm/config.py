@@ -133,7 +133,10 @@ class TracksConfig(Section):
 
 
 class NoiseConfig(Section):
-    """Default standard deviations of a feature's position, for gates and weights."""
+    """Standard deviations of a feature's position for gates, and for weights where a match states none.
+
+    They hold where too few matches of neighbouring frames tell the noise; elsewhere it is estimated from these.
+    """
 
     range_bins: float = Field(default=1.5, ge=1e-6, le=1e4)
     bearing_beams: float = Field(default=1.0, ge=1e-6, le=1e4)

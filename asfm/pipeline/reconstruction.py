@@ -31,6 +31,7 @@ from asfm.navigation.pose_prediction import predict_poses
 from asfm.pipeline.feature_matching import extract_matches
 from asfm.pipeline.image_faults import MatchedSequence, rematch_suspected, report_image_jumps, report_image_order
 from asfm.pipeline.loop_closure import find_loops
+from asfm.pipeline.noise_estimation import estimate_noise
 from asfm.pipeline.self_calibration import apply_calibration, estimate_calibration
 from asfm.pipeline.summary import summarise
 from asfm.recorder import NullRecorder, Recorder
@@ -78,6 +79,7 @@ def reconstruct(
     clock = StageClock(progress)
     local, origin_m = move_to_local_origin(sequence, config.backend)
     navigation = read_navigation(local, config.backend)
+    config = estimate_noise(local, config, clock, external)
     prediction = predict_poses(navigation, local)
     matched = MatchedSequence(local, *extract_matches(local, config, recorder, clock, prediction, external))
     if external is None:

@@ -10,7 +10,7 @@ import pytest
 
 from asfm.backend.graph.self_calibration import Calibration
 from asfm.backend.initialisation.initial_poses import InitialPoses
-from asfm.config import Config
+from asfm.config import Config, NoiseConfig
 from asfm.pipeline import reconstruction
 from asfm.pipeline.image_faults import MatchedSequence
 from asfm.sequence import Sequence
@@ -181,6 +181,8 @@ def test_a_run_hands_every_stage_the_results_of_those_before(external: Any, stub
     stub("move_to_local_origin", ("local", "origin"))
     read = stub("read_navigation", "navigation")
     predicted = stub("predict_poses", "prediction")
+    noisy = CONFIG.model_copy(update={"noise": NoiseConfig(range_bins=0.7)})
+    estimated_noise = stub("estimate_noise", noisy)
     extracted = stub("extract_matches", (KEYPOINTS, ["match"] if external else ["gated"]))
     turned = replace(sequence, name="turned")
     rematched = stub("rematch_suspected", MatchedSequence(turned, KEYPOINTS, ["match"], ("turned",)))  # type: ignore
@@ -191,16 +193,18 @@ def test_a_run_hands_every_stage_the_results_of_those_before(external: Any, stub
     run: Any = reconstruction.reconstruct(sequence, CONFIG, recorder, external=external)
     assert read == [("local", CONFIG.backend)]
     assert predicted == [("navigation", "local")]
-    assert extracted[0][0] == "local"
+    assert estimated_noise[0][:2] == ("local", CONFIG) and estimated_noise[0][-1] == external
+    assert extracted[0][:2] == ("local", noisy)
     assert extracted[0][-2:] == ("prediction", external)
     assert estimated[0][:4] == ("local" if external else turned, "navigation", KEYPOINTS, ["match"])
+    assert estimated[0][4] is noisy and summarised[0][2] is noisy
     assert estimated[0][-1] is (external is None), "only asfm's own matches are added to"
     found = ("found",) if external else ("turned", "found")
     assert summarised[0][:2] == ("calibrated", "solution") and summarised[0][-1] == found
     assert len(rematched) == (external is None), "given matches are not made again"
     if rematched:
         assert rematched[0][0].sequence == "local" and rematched[0][0].matches == ["gated"]
-        assert rematched[0][1:4] == ("navigation", CONFIG, recorder)
+        assert rematched[0][1:4] == ("navigation", noisy, recorder)
     assert shifted == [("summary about the local origin", "origin")]
     assert shown == [(("calibrated", sequence), "summary")]
     assert run.reconstruction == "summary" and run.matches == ("match",)

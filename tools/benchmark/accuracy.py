@@ -19,6 +19,7 @@ from asfm.evaluation.trajectory import align_first_pose, interpolate_groundtruth
 from asfm.navigation.frame_navigation import FrameNavigation, read_navigation
 from asfm.navigation.pose_prediction import predict_poses
 from asfm.pipeline.feature_matching import extract_matches
+from asfm.pipeline.noise_estimation import estimate_noise
 from asfm.pipeline.reconstruction import estimate
 from asfm.pipeline.summary import summarise
 from asfm.recorder import NullRecorder
@@ -107,6 +108,7 @@ def measure_sequence(path: Path, modes: Rows[str], settings: tuple[str, ...], bo
         prediction = predict_poses(navigation, test.sequence)
         poses = None if prediction is None else prediction.world_from_sonar
         found = [(keypoints, matches) for other, keypoints, matches in passes if _are_equal(poses, other)]
+        config = estimate_noise(test.sequence, config, StageClock())
         if not found:
             found = [extract_matches(test.sequence, config, NullRecorder(), StageClock(), prediction)]
             passes.append((poses, *found[0]))

@@ -12,6 +12,7 @@ from asfm.frontend.matching.nearest import match_keypoints
 from asfm.navigation.frame_navigation import read_navigation
 from asfm.navigation.pose_prediction import predict_poses
 from asfm.pipeline.feature_matching import extract_matches
+from asfm.pipeline.noise_estimation import estimate_noise
 from asfm.recorder import NullRecorder
 from asfm.sequence import Sequence
 from asfm.stages import StageClock
@@ -55,6 +56,7 @@ def run_frontend(sequence: Sequence, config: Config, clock: Callable[[], float])
         read_s[index] = clock()
         return frames[index]
 
+    config = estimate_noise(sequence, config, StageClock())
     prediction = predict_poses(read_navigation(sequence, config.backend), sequence)
     in_memory = replace(sequence, read_frame=read)
     keypoints, candidates = extract_matches(in_memory, config, NullRecorder(), StageClock(), prediction)
