@@ -37,6 +37,20 @@ class CalibrationScore:
 
 
 @dataclass(frozen=True)
+class LocalFit:
+    """Residuals of a solution beside those of short windows of frames fitted alone."""
+
+    ratio: float = 1.0
+    """Typical residual of the whole solution over that of the windows; 1 where no window tells."""
+    lost_share: float = 0.0
+    """Share of the observations that are outliers of the whole solution, less the same in the windows."""
+    poor: bool = False
+    """Whether the solution fits its observations much worse than short stretches of it do."""
+    poor_frames: FrameRuns = ()
+    """Frames of the windows that the solution fits much worse."""
+
+
+@dataclass(frozen=True)
 class Consistency:
     """How well a result agrees with what it was made from."""
 
@@ -45,10 +59,14 @@ class Consistency:
     used_share: float = 1.0
     """Observations that agree with the result, of those that tracks hold and a track may have."""
 
+    local_fit: LocalFit | None = None
+    """Without odometry: the fit of the whole beside that of short windows of frames."""
+
     def as_dict(self) -> dict[str, Any]:
         """Return what report.json holds of it."""
         residuals = {item.sensor: {k: v for k, v in vars(item).items() if k != "sensor"} for item in self.residuals}
         scores = {
             item.parameter: {k: v for k, v in vars(item).items() if k != "parameter"} for item in self.calibration
         }
-        return {"residuals": residuals, "calibration": scores, "used_share": self.used_share}
+        local = vars(self.local_fit).copy() if self.local_fit else None
+        return {"residuals": residuals, "calibration": scores, "used_share": self.used_share, "local_fit": local}

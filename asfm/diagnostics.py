@@ -58,6 +58,7 @@ CODES = {
     "no-motion-seen": "no feature moves in any frame: the poses are held where they begin",
     "unobserved-directions": "no measurement but the steps constrains some directions of the motion",
     "position-uncertainty": "the position is too uncertain to be trusted from some frame on",
+    "poor-fit": "the solution fits its observations much worse than short stretches of frames do by themselves",
     "mirror-ambiguity": "the scene and its mirror image explain the measurements equally well",
     "odometry-inconsistent": "the result differs from the odometry by more than its stated noise",
     "depth-inconsistent": "the result differs from the depth readings by more than their stated noise",

@@ -1,5 +1,7 @@
 """Summary of a solution: landmarks, covariances and diagnostics of a reconstruction."""
 
+from dataclasses import replace
+
 from asfm.backend.ambiguity.mirror_ambiguity import find_mirror, inflate_for_mirror, warn_of_mirror
 from asfm.backend.diagnostics.connectivity import warn_of_disconnected_steps
 from asfm.backend.diagnostics.inconsistency import (
@@ -7,6 +9,7 @@ from asfm.backend.diagnostics.inconsistency import (
     warn_of_inconsistency,
     withdraw_well_constrained,
 )
+from asfm.backend.diagnostics.local_fit import measure_local_fit, warn_of_poor_fit
 from asfm.backend.diagnostics.observability import SPAN, warn_of_unreliable_poses
 from asfm.backend.diagnostics.reading_conventions import diagnose_conventions
 from asfm.backend.estimation.landmarks import describe_landmarks
@@ -42,10 +45,13 @@ def summarise(
         span, information = min(SPAN, len(sequence) - 1), marginalise_points(solution.bundle)
         uncertainty = measure_uncertainty(solution.bundle, solution.elevation_information_ratio, span, information)
         consistency = measure_consistency(solution, sequence.timestamps_s, information, config.backend.max_views)
+        if not solution.problem.sensors.measured:
+            consistency = replace(consistency, local_fit=measure_local_fit(solution))
+        poor_fit = warn_of_poor_fit(consistency.local_fit)
         mirror = find_mirror(solution, config.backend.scene)
         stated = inflate_for_mirror(uncertainty, solution, mirror)
         landmarks = describe_landmarks(solution, stated.point_m2, sequence, config)
-        landmarks = withdraw_well_constrained(landmarks, consistency, bool(conventions))
+        landmarks = withdraw_well_constrained(landmarks, consistency, bool(conventions or poor_fit))
         report.counts = {"landmarks": len(landmarks), "well constrained": int(landmarks.well_constrained.sum())}
     return Reconstruction(
         trajectory=Trajectory(sequence.timestamps_s, solution.bundle.world_from_vehicle),
@@ -56,6 +62,7 @@ def summarise(
         diagnostics=(
             *diagnostics,
             *warn_of_disconnected_steps(sequence, solution, config),
+            *poor_fit,
             *warn_of_mirror(uncertainty, solution.bundle, mirror),
             *warn_of_unreliable_poses(solution, uncertainty),
             *warn_of_inconsistency(consistency),
