@@ -233,6 +233,7 @@ def test_recorder_receives_every_frame_in_order_and_the_result(tank: Sequence) -
     assert [done for stage, done, total in progress if stage == "front-end" and total == 5] == [1, 2, 3, 4, 5]
     names = [stage.name for stage in run.stages]
     assert names == [
+        "noise",
         "front-end",
         "initialisation",
         "round 1",
@@ -244,7 +245,7 @@ def test_recorder_receives_every_frame_in_order_and_the_result(tank: Sequence) -
         "record",
     ]
     assert all(stage.wall_s >= 0 for stage in run.stages)
-    assert run.stages[0].counts["frames"] == 5
+    assert run.stages[1].counts["frames"] == 5
 
 
 def test_odometry_at_other_stamps_is_interpolated_by_time(tank: Sequence) -> None:
