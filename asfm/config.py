@@ -138,6 +138,8 @@ class NoiseConfig(Section):
     They hold where too few matches of neighbouring frames tell the noise; elsewhere it is estimated from these.
     """
 
+    estimated: bool = True
+    """Estimate the noise from matches of neighbouring frames; false: as stated here."""
     range_bins: float = Field(default=1.5, ge=1e-6, le=1e4)
     bearing_beams: float = Field(default=1.0, ge=1e-6, le=1e4)
     min_bearing_deg: float = Field(default=0.3, ge=0, le=180)

@@ -24,7 +24,7 @@ MIN_NOISE_PX, MAX_NOISE_PX = 0.25, 6.0
 def estimate_noise(
     sequence: Sequence, config: Config, clock: StageClock, external: ExternalMatches | None = None
 ) -> Config:
-    """Return the configuration with the noise of features as the sequence shows it.
+    """Return the configuration with the noise of features as the sequence shows it; it is not estimated again.
 
     Args:
         sequence: frames and sonar.
@@ -35,6 +35,8 @@ def estimate_noise(
     Raises:
         AsfmError: a frame cannot be read.
     """
+    if not config.noise.estimated:
+        return config
     with clock.stage("noise") as report:
         pairs = _match_sampled_pairs(sequence, config) if external is None else _neighbours(external)
         sigma = estimate_match_noise(pairs)
@@ -70,4 +72,4 @@ def _state_noise(sigma: FloatArray, sequence: Sequence) -> NoiseConfig:
     """Return the sigmas (2,) of range_m and bearing_rad as a section of the configuration, for gates."""
     step = np.array([sequence.sonar.range_step_m, sequence.sonar.bearing_step_rad])
     range_bins, bearing_beams = (GATE_FACTOR * np.clip(sigma / step, MIN_NOISE_PX, MAX_NOISE_PX)).tolist()
-    return NoiseConfig(range_bins=range_bins, bearing_beams=bearing_beams, min_bearing_deg=0.0)
+    return NoiseConfig(range_bins=range_bins, bearing_beams=bearing_beams, min_bearing_deg=0.0, estimated=False)

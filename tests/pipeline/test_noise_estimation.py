@@ -45,6 +45,15 @@ def test_the_configuration_holds_where_no_frames_are_neighbours() -> None:
     assert estimate_noise(SEQUENCE, config, StageClock(), make_external(gap=2)) == config
 
 
+def test_noise_that_is_to_be_taken_as_stated_is_not_estimated() -> None:
+    config, clock = Config.model_validate({"noise": {"range_bins": 2.5, "estimated": False}}), StageClock()
+    assert estimate_noise(SEQUENCE, config, clock, make_external()) == config and not clock.reports
+    estimated = estimate_noise(SEQUENCE, Config(), clock, make_external())
+    assert estimate_noise(SEQUENCE, estimated, clock) == estimated, (
+        "the images of an estimated noise are not read again"
+    )
+
+
 @pytest.mark.parametrize(("scale", "bound"), [(1e-4, MIN_NOISE_PX), (8.0, MAX_NOISE_PX)])
 def test_the_noise_stays_within_its_bounds(scale: float, bound: float) -> None:
     noise = estimate_noise(SEQUENCE, Config(), StageClock(), make_external(scale=scale)).noise
