@@ -2,12 +2,14 @@
 
 import json
 
-from asfm.consistency import CalibrationScore, Consistency, ResidualStatistics
+from asfm.consistency import CalibrationScore, Consistency, LocalFit, ResidualStatistics
 
 
 def test_report_names_every_sensor_and_parameter() -> None:
     residual = ResidualStatistics("depth", 0.5, 3.0, 1.0, (2, 11), ((2, 11),))
-    found = Consistency((residual,), (CalibrationScore("range_scale", 0.1, 0.02, True),)).as_dict()
+    found = Consistency(
+        (residual,), (CalibrationScore("range_scale", 0.1, 0.02, True),), 0.9, LocalFit(1.5, 0.1, True)
+    ).as_dict()
     assert json.loads(json.dumps(found)) == {
         "residuals": {
             "depth": {
@@ -19,9 +21,11 @@ def test_report_names_every_sensor_and_parameter() -> None:
             }
         },
         "calibration": {"range_scale": {"value": 0.1, "sigma": 0.02, "inconsistent": True}},
-        "used_share": 1.0,
+        "used_share": 0.9,
+        "local_fit": {"ratio": 1.5, "lost_share": 0.1, "poor": True, "poor_frames": []},
     }
 
 
 def test_nothing_is_consistent_by_default() -> None:
-    assert Consistency().as_dict() == {"residuals": {}, "calibration": {}, "used_share": 1.0}
+    empty = {"residuals": {}, "calibration": {}, "used_share": 1.0, "local_fit": None}
+    assert Consistency().as_dict() == empty
