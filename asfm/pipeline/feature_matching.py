@@ -1,5 +1,7 @@
 """Feature matching of a whole sequence: images to keypoints, frame pairs to filtered candidate matches."""
 
+from collections.abc import Callable
+
 from asfm.config import Config
 from asfm.frontend.denoising.echo_mask import detect_echo_mask
 from asfm.frontend.features.keypoints import cut_keypoint_patches, detect_keypoints
@@ -12,6 +14,12 @@ from asfm.recorder import Recorder
 from asfm.sequence import Sequence
 from asfm.stages import StageClock
 from asfm.types import BoolArray, ExternalMatches, Frame, Keypoints, Matches
+
+ExtractMatches = Callable[
+    [Sequence, Config, Recorder, StageClock, PosePrediction | None, ExternalMatches | None],
+    tuple[list[Keypoints], list[Matches]],
+]
+"""Signature of :func:`extract_matches`."""
 
 
 def extract_matches(

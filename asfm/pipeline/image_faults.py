@@ -16,7 +16,7 @@ from asfm.navigation.image_jumps import diagnose_image_jumps, find_image_jumps
 from asfm.navigation.image_order import diagnose_image_order, find_misplaced_frames
 from asfm.navigation.odometry_check import OdometryTest, compare_odometry_hypotheses
 from asfm.navigation.odometry_hypotheses import AS_RECORDED, PointPairs, collect_point_pairs, planar_inliers
-from asfm.pipeline.feature_matching import extract_matches
+from asfm.pipeline.feature_matching import ExtractMatches, extract_matches
 from asfm.recorder import NullRecorder, Recorder
 from asfm.sequence import Sequence
 from asfm.stages import StageClock
@@ -34,7 +34,12 @@ class MatchedSequence:
 
 
 def rematch_suspected(
-    matched: MatchedSequence, navigation: FrameNavigation, config: Config, recorder: Recorder, clock: StageClock
+    matched: MatchedSequence,
+    navigation: FrameNavigation,
+    config: Config,
+    recorder: Recorder,
+    clock: StageClock,
+    extract: ExtractMatches | None = None,
 ) -> MatchedSequence:
     """Match again without odometry where the odometry lies beyond the noise; turn what is turned.
 
@@ -47,6 +52,7 @@ def rematch_suspected(
         config: every setting.
         recorder: observer of frames and matches; sees turned images again.
         clock: times the stages.
+        extract: the front-end in place of :func:`extract_matches`.
 
     Returns:
         The same where the odometry is not suspected.
@@ -57,8 +63,8 @@ def rematch_suspected(
     test = _test_odometry(matched, navigation, config)
     if test is None or not test.suspicious:
         return matched
-    sequence = matched.sequence
-    matched = MatchedSequence(sequence, *extract_matches(sequence, config, NullRecorder(), clock))
+    sequence, extract = matched.sequence, extract or extract_matches
+    matched = MatchedSequence(sequence, *extract(sequence, config, NullRecorder(), clock, None, None))
     test = _test_odometry(matched, navigation, config)
     if test is None:
         return matched
@@ -69,7 +75,7 @@ def rematch_suspected(
         return matched
     turned = reverse_images(sequence, test.image_axis)
     found = (diagnose_images(test),)
-    return MatchedSequence(turned, *extract_matches(turned, config, recorder, clock), found)
+    return MatchedSequence(turned, *extract(turned, config, recorder, clock, None, None), found)
 
 
 def reverse_images(sequence: Sequence, axis: ImageAxis) -> Sequence:

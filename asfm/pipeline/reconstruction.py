@@ -28,7 +28,7 @@ from asfm.navigation.frame_navigation import FrameNavigation, read_navigation
 from asfm.navigation.local_world import move_to_local_origin, with_world_of
 from asfm.navigation.odometry_hypotheses import collect_point_pairs
 from asfm.navigation.pose_prediction import predict_poses
-from asfm.pipeline.feature_matching import extract_matches
+from asfm.pipeline.feature_matching import ExtractMatches, extract_matches
 from asfm.pipeline.image_faults import MatchedSequence, rematch_suspected, report_image_jumps, report_image_order
 from asfm.pipeline.loop_closure import find_loops
 from asfm.pipeline.noise_estimation import estimate_noise
@@ -58,6 +58,7 @@ def reconstruct(
     recorder: Recorder | None = None,
     progress: Progress = no_progress,
     external: ExternalMatches | None = None,
+    extract: ExtractMatches | None = None,
 ) -> Run:
     """Reconstruct the trajectory and the landmarks of a sequence.
 
@@ -71,6 +72,7 @@ def reconstruct(
         recorder: observer of the stages; none by default.
         progress: called with the progress of each stage.
         external: keypoints and matches computed elsewhere in place of asfm's own; no others are added.
+        extract: the front-end in place of :func:`extract_matches`, such as one that reads what was computed before.
 
     Raises:
         AsfmError: a frame cannot be read.
@@ -81,9 +83,10 @@ def reconstruct(
     navigation = read_navigation(local, config.backend)
     config = estimate_noise(local, config, clock, external)
     prediction = predict_poses(navigation, local)
-    matched = MatchedSequence(local, *extract_matches(local, config, recorder, clock, prediction, external))
+    found = (extract or extract_matches)(local, config, recorder, clock, prediction, external)
+    matched = MatchedSequence(local, *found)
     if external is None:
-        matched = rematch_suspected(matched, navigation, config, recorder, clock)
+        matched = rematch_suspected(matched, navigation, config, recorder, clock, extract)
     keypoints, matches = matched.keypoints, matched.matches
     calibrated, solution, diagnostics = estimate(
         matched.sequence, navigation, keypoints, matches, config, clock, may_add_matches=external is None

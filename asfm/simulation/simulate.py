@@ -56,6 +56,7 @@ def simulate(
     seed: int = 0,
     motion: str | Trajectory | None = None,
     vehicle_from_sonar: FloatArray | None = None,
+    scene_seed: int | None = None,
 ) -> SimulatedSequence:
     """Simulate a sequence of a scene by name.
 
@@ -69,18 +70,21 @@ def simulate(
         motion: key of :data:`asfm.simulation.vehicle.trajectories.MOTIONS`, or the path of the vehicle; by default the
             scene's usual motion.
         vehicle_from_sonar: (4, 4) lever arm; by default that of the scenario, or the identity.
+        scene_seed: seed of the scene and of the motion in place of ``seed``, which then changes nothing but the noise
+            of the images and of the sensors.
 
     Raises:
         AsfmError: an unknown name, a file that cannot be read, a sonar inside an object, fewer than one frame or
             more than a million, a negative seed.
     """
-    _check_request(frame_count, seed)
+    scene_seed = seed if scene_seed is None else scene_seed
+    _check_request(frame_count, min(seed, scene_seed))
     mounted = find_sonar(preset)
     mount = mounted.vehicle_from_sonar if vehicle_from_sonar is None else vehicle_from_sonar
     source = find_scene(scene_name)
     move = motion if isinstance(motion, Trajectory) else find_motion(motion or source.motion)
-    scene, view = source.build(mounted.sonar.range_max, _generator(seed, _SCENE))
-    path, diagnostics = _make_path(move, view, mounted.sonar.rate_hz, frame_count, mount, seed)
+    scene, view = source.build(mounted.sonar.range_max, _generator(scene_seed, _SCENE))
+    path, diagnostics = _make_path(move, view, mounted.sonar.rate_hz, frame_count, mount, scene_seed)
     simulated = simulate_path(scene, mounted.sonar, path, seed, mount)
     diagnostics = mounted.diagnostics + diagnostics + simulated.sequence.diagnostics
     return replace(simulated, sequence=replace(simulated.sequence, diagnostics=diagnostics))
@@ -158,14 +162,27 @@ def simulate_path(
     check_outside(scene, renderer.caster, poses)
     read_frame, read_truth = _make_frame_readers(renderer, path.timestamps_s, poses, seed)
     sequence = Sequence(scene.name, renderer.model, path.timestamps_s, read_frame, mount, groundtruth=path, noise=noise)
-    sequence = replace(
-        sequence,
-        odometry=simulate_odometry(path, noise, _generator(seed, _ODOMETRY), drift),
-        navigation=simulate_navigation(path, noise, _generator(seed, _NAVIGATION)),
-        kind="simulated",
-        diagnostics=_diagnose(renderer, poses),
-    )
+    sequence = replace(sequence, kind="simulated", diagnostics=_diagnose(renderer, poses))
+    sequence = add_sensors(sequence, seed, drift)
     return SimulatedSequence(sequence, scene, sonar, renderer, read_truth)
+
+
+def add_sensors(sequence: Sequence, seed: int, drift: SlowDrift | None = SLOW_DRIFT) -> Sequence:
+    """Replace odometry, depth and attitude of a sequence by simulated ones.
+
+    Args:
+        sequence: its true poses at the frames, and the standard deviations of its sensors.
+        seed: seed of the errors; those of :func:`simulate` with the same seed.
+        drift: slowly varying bias of the odometry; None for white noise only.
+
+    Raises:
+        ValueError: the sequence has no true poses.
+    """
+    if sequence.groundtruth is None:
+        raise ValueError(f"{sequence.name}: expected true poses to simulate sensors along")
+    odometry = simulate_odometry(sequence.groundtruth, sequence.noise, _generator(seed, _ODOMETRY), drift)
+    navigation = simulate_navigation(sequence.groundtruth, sequence.noise, _generator(seed, _NAVIGATION))
+    return replace(sequence, odometry=odometry, navigation=navigation)
 
 
 def _make_frame_readers(

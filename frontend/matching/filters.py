@@ -34,14 +34,27 @@ def filter_ratio(pairs: Sequence[FramePair], config: Config) -> list[FilterResul
 
 def filter_ssl(pairs: Sequence[FramePair], config: Config) -> list[FilterResult]:
     """Pass matches with similar patches; the structural-and-spatial loss is added to their cost."""
+    missing = [
+        pair if pair.ssl_loss is None else pair.take(np.isnan(pair.ssl_loss[pair.index[:, 0]])) for pair in pairs
+    ]
+    losses = []
+    for pair, part, loss in zip(pairs, missing, _measure_ssl(missing, config), strict=True):
+        if pair.ssl_loss is not None:
+            pair.ssl_loss[part.index[:, 0]] = loss
+            loss = pair.ssl_loss[pair.index[:, 0]]
+        losses.append(loss)
+    return [(loss <= config.ssl.max_loss, loss) for loss in losses]
+
+
+def _measure_ssl(pairs: Sequence[FramePair], config: Config) -> list[FloatArray]:
+    """Return the losses (M,) of the matches of each pair."""
     if not pairs:
         return []
     radius_px = config.ssl.radius_px
     patches_a = np.concatenate([crop_patches(pair.keypoints_a.patches, radius_px)[pair.index[:, 0]] for pair in pairs])
     patches_b = np.concatenate([crop_patches(pair.keypoints_b.patches, radius_px)[pair.index[:, 1]] for pair in pairs])
     loss = structural_spatial_loss(patches_a, patches_b, config.ssl)
-    ends = np.cumsum([len(pair) for pair in pairs])
-    return [(part <= config.ssl.max_loss, part) for part in np.split(loss, ends[:-1])]
+    return np.split(loss, np.cumsum([len(pair) for pair in pairs])[:-1])
 
 
 def filter_arc(pairs: Sequence[FramePair], config: Config) -> list[FilterResult]:

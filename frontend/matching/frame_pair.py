@@ -24,6 +24,9 @@ class FramePair:
     """(Ka, G, 2) range_m and bearing_rad of frame a's elevation arcs as predicted in frame b; None without poses."""
     sigma: FloatArray | None = None
     """(Ka, 2) standard deviations of that prediction and of a keypoint's position, in range_m and bearing_rad."""
+    ssl_loss: FloatArray | None = None
+    """(Ka,) structural-and-spatial losses of the matches of frame a's keypoints, NaN where not yet computed; the filter
+    adds what it computes. None: nothing is kept."""
 
     def __len__(self) -> int:
         return len(self.nearest.index)

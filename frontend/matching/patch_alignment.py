@@ -23,6 +23,8 @@ MIN_CONTRAST = 1e-6
 """Lower bound of a patch's standard deviation when it is normalised: keeps flat patches finite."""
 MIN_INFORMATION = 1e-4
 """Added to the information matrix of a shift in pixels, so that it is invertible for flat patches too."""
+UNLOCALISED = "unlocalised"
+"""Name under which matches are rejected."""
 MAX_SHIFT_PX = 3.0
 """Largest shift between the keypoints; the linearisation of a single step is not valid beyond it."""
 
@@ -87,7 +89,7 @@ def align_matches(
     unlocalised = ~near | (np.sqrt(np.linalg.eigvalsh(covariance)[:, -1]) > settings.max_sigma_px)
     ends = np.cumsum([len(matches[number]) for number in filled])[:-1]
     for number, part, bad in zip(filled, np.split(sigma, ends), np.split(unlocalised, ends), strict=True):
-        localised[number] = replace(matches[number], sigma=part).reject(bad, "unlocalised")
+        localised[number] = replace(matches[number], sigma=part).reject(bad, UNLOCALISED)
     return localised
 
 

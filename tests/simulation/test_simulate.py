@@ -1,6 +1,7 @@
 """Simulated sequences: reproducible in any order, rendered when read, invalid requests refused."""
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from asfm.errors import AsfmError
 from asfm.geometry.poses import make_pose
-from asfm.simulation.simulate import SimulatedSequence, simulate
+from asfm.simulation.simulate import SimulatedSequence, add_sensors, simulate
 from asfm.types import Trajectory
 
 
@@ -83,3 +84,27 @@ def test_given_path_is_sampled_at_the_sonars_rate_until_it_ends() -> None:
     assert "after 21 of 80 frames at 5 Hz" in found.message
     assert truth.timestamps_s[[0, -1]] == pytest.approx([10.0, 14.0])
     assert truth.world_from_vehicle[10, :3, 3] == pytest.approx([-3.0, 0, -2.0])
+
+
+def test_a_scene_seed_leaves_only_the_noise_to_the_seed() -> None:
+    one, other = (simulate("tank", "didson", 3, seed, scene_seed=7) for seed in (1, 2))
+    np.testing.assert_array_equal(one.scene.vertices_m, other.scene.vertices_m)
+    assert one.sequence.groundtruth and other.sequence.groundtruth and one.sequence.odometry and other.sequence.odometry
+    np.testing.assert_array_equal(
+        one.sequence.groundtruth.world_from_vehicle, other.sequence.groundtruth.world_from_vehicle
+    )
+    np.testing.assert_array_equal(one.read_truth(1).clean, other.read_truth(1).clean)
+    assert (one.sequence.read_frame(1).image != other.sequence.read_frame(1).image).mean() > 0.1
+    assert (one.sequence.odometry.world_from_vehicle != other.sequence.odometry.world_from_vehicle).any()
+    own = simulate("tank", "didson", 3, 1).sequence.groundtruth
+    assert own and (own.world_from_vehicle != one.sequence.groundtruth.world_from_vehicle).any()
+
+
+def test_sensors_added_to_a_sequence_are_those_of_its_seed() -> None:
+    one, other = (simulate("tank", "didson", 3, seed, scene_seed=7).sequence for seed in (1, 2))
+    moved = add_sensors(one, 2)
+    assert moved.odometry and other.odometry and moved.navigation and other.navigation
+    np.testing.assert_array_equal(moved.odometry.world_from_vehicle, other.odometry.world_from_vehicle)
+    np.testing.assert_array_equal(moved.navigation.roll_rad, other.navigation.roll_rad)
+    with pytest.raises(ValueError, match="true poses"):
+        add_sensors(replace(one, groundtruth=None), 2)
