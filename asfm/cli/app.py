@@ -14,9 +14,10 @@ from asfm.cli.options import (
     RunOptions,
     SequencePath,
     SimulateOptions,
+    StudyOptions,
     takes_options,
 )
-from asfm.cli.progress import show_progress
+from asfm.cli.progress import show_countdown, show_progress
 from asfm.cli.terminal import format_count, print_diagnostics, print_lines
 from asfm.errors import AsfmError
 
@@ -114,6 +115,24 @@ def compare(
     print_lines(describe_comparison(comparison))
     if output is not None:
         print_lines([f"table and plot: {output}"])
+
+
+@app.command()
+@takes_options(StudyOptions)
+def study(options: StudyOptions) -> None:
+    """Run a grid of reconstructions, and report how the quality of matches carries through to the pose error."""
+    from asfm.commands.study_text import describe_plan, describe_study
+
+    if options.dry_run:
+        from asfm.commands import plan_study
+
+        print_lines(describe_plan(plan_study(options.study)))
+        return
+    from asfm.commands import run_study
+
+    with show_countdown("study") as report:
+        summary = run_study(options.study, options.output, options.jobs, options.retry_failed, report)
+    print_lines(describe_study(summary))
 
 
 @app.command()

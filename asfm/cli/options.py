@@ -123,3 +123,16 @@ class DenoiseOptions:
     settings: Settings = None
     output: Annotated[Path | None, Option(help="Folder for the table as CSV and JSON, and a picture.")] = None
     overwrite: Overwrite = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyOptions:
+    """Options of ``asfm study``."""
+
+    study: Annotated[Path, Argument(help="Study file (YAML).", metavar="STUDY")]
+    output: Annotated[Path | None, Option(help="Folder of the study; finished cells in it are kept.")] = None
+    jobs: Annotated[int | None, Option(help="Number of processes; by default that of the cores.")] = None
+    dry_run: Annotated[bool, Option("--dry-run", help="Show the grid and an estimate of its time, run nothing.")] = (
+        False
+    )
+    retry_failed: Annotated[bool, Option("--retry-failed", help="Run the cells again that have failed.")] = False

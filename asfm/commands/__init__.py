@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from asfm.commands.evaluate import evaluate_folder
     from asfm.commands.run import run_sequence
     from asfm.commands.simulate import SimulationOptions, simulate_to
+    from asfm.commands.study import plan_study, run_study
     from asfm.commands.view import view_folder
     from asfm.results.run_summary import RunSummary
 
@@ -27,8 +28,10 @@ __all__ = [
     "denoise_sources",
     "describe_sequence",
     "evaluate_folder",
+    "plan_study",
     "run_demo",
     "run_sequence",
+    "run_study",
     "simulate_to",
     "view_folder",
 ]
@@ -42,8 +45,10 @@ _MODULES = {
     "denoise_sources": "asfm.commands.denoise",
     "describe_sequence": "asfm.commands.describe",
     "evaluate_folder": "asfm.commands.evaluate",
+    "plan_study": "asfm.commands.study",
     "run_demo": "asfm.commands.demo",
     "run_sequence": "asfm.commands.run",
+    "run_study": "asfm.commands.study",
     "simulate_to": "asfm.commands.simulate",
     "view_folder": "asfm.commands.view",
 }

@@ -42,7 +42,7 @@ def test_every_command_of_the_readme_parses() -> None:
         parse(line)
 
 
-@pytest.mark.parametrize("line", ["study x.yaml", "run", "run sequence --output out --colour", "demo --frames many"])
+@pytest.mark.parametrize("line", ["studies x.yaml", "run", "run sequence --output out --colour", "demo --frames many"])
 def test_invalid_command_lines_do_not_parse(line: str) -> None:
     with pytest.raises(Exception, match=r"does not exist|Missing|No such option|valid integer"):
         parse(line)

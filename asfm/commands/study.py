@@ -1,0 +1,81 @@
+"""Command ``asfm study``: a grid of reconstructions, its tables and its report."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from asfm.errors import AsfmError
+from asfm.study.local_engine import Report
+from asfm.study.report.error_law import ErrorLaw, fit_law
+from asfm.study.report.html_report import require_matplotlib, write_report
+from asfm.study.report.summary_table import SummaryRow, summarise_rows
+from asfm.study.results_table import Row
+from asfm.study.study_definition import StudyDefinition
+from asfm.study.study_run import compute_cells, load_grid, no_report
+from asfm.study.time_estimate import Estimate, estimate_time
+
+
+@dataclass(frozen=True)
+class StudyPlan:
+    """What a study would do."""
+
+    study: StudyDefinition
+    estimate: Estimate
+    functions: tuple[str, ...]
+    """Entry points of external matchers, code that would be run."""
+
+
+@dataclass(frozen=True)
+class StudySummary:
+    """A finished study."""
+
+    folder: Path
+    rows: list[Row]
+    computed: int
+    """Cells that were computed now; the others were finished before."""
+    summary: list[SummaryRow]
+    """Means over sequences and seeds."""
+    law: ErrorLaw | None
+    """None where there is too little to fit it to."""
+
+
+def plan_study(path: Path) -> StudyPlan:
+    """List what a study would do, and estimate its time.
+
+    Raises:
+        AsfmError: the file, a path or a setting is at fault, or the grid is empty.
+    """
+    study, cells = load_grid(path)
+    functions = tuple(matcher.function for matcher in study.external if matcher.function is not None)
+    return StudyPlan(study, estimate_time(cells), functions)
+
+
+def run_study(
+    path: Path,
+    output: Path | None,
+    jobs: int | None = None,
+    retry_failed: bool = False,
+    report: Report = no_report,
+) -> StudySummary:
+    """Run a study: every cell that is not finished, then tables, figures and the report.
+
+    Args:
+        path: the study file.
+        output: folder of the study; finished cells of the same study in it are kept.
+        jobs: number of processes; that of the cores where it is None.
+        retry_failed: run cells again that have failed.
+        report: receives (cells done, cells to do, seconds left).
+
+    Raises:
+        AsfmError: the file, a path or a setting is at fault, the folder holds something else, another process works in
+            it, a file cannot be written, or matplotlib is missing.
+    """
+    if output is None:
+        raise AsfmError("expected a folder for the study (--output DIR), or --dry-run, found neither")
+    require_matplotlib()
+    study, cells = load_grid(path)
+
+    def finish(folder: Path, rows: list[Row]) -> None:
+        write_report(folder, rows)
+
+    results = compute_cells(study, cells, output, jobs, retry_failed, report, finish=finish)
+    return StudySummary(output, results.rows, results.computed, summarise_rows(results.rows), fit_law(results.rows))

@@ -1,0 +1,194 @@
+"""Grid of a study: its cells in their order, and an estimate of their time."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from asfm.config import Config, Filter
+from asfm.datasets import open_sequence
+from asfm.errors import AsfmError, quote, shorten
+from asfm.frontend.matching.external_matches import DESCRIPTOR_FILTERS
+from asfm.regular_file import check_file
+from asfm.study.cell import Cell, Corruption, External, Recording, Simulation
+from asfm.study.fingerprint import hash_content, hash_function, hash_path
+from asfm.study.study_definition import (
+    MAX_CELLS,
+    CorruptionSettings,
+    ExternalSettings,
+    Mode,
+    SimulationGrid,
+    StudyDefinition,
+)
+
+TRUE_MATCHES, NO_FILTERS = "true matches", "none"
+"""Names of the matcher and of the filter chain of cells with corrupted true matches."""
+MODE_SETTINGS: dict[Mode, dict[str, bool]] = {
+    "sonar": {"use_odometry": False, "use_navigation": False},
+    "odometry": {"use_navigation": False},
+    "all": {},
+}
+"""Settings of the section ``backend`` in each sensor mode."""
+Sections = dict[str, dict[str, Any]]
+
+
+def build_grid(study: StudyDefinition, folder: Path) -> list[Cell]:
+    """List all cells of a study: sequences, seeds, matchers, filter chains, back-ends and modes, the last fastest.
+
+    Args:
+        study: the definition.
+        folder: of the study file; its paths are relative to it.
+
+    Raises:
+        AsfmError: a path does not exist, a name is unknown, a setting is invalid, or there is no or too large a grid.
+    """
+    recordings = [_open_recording(folder, text) for text in study.sequences]
+    sequences: list[Recording | Simulation] = [*recordings, *_list_simulations(study.simulate, folder)]
+    names = [sequence.name for sequence in sequences]
+    if len(set(names)) < len(names):
+        repeated = next(name for number, name in enumerate(names) if name in names[:number])
+        raise AsfmError(f"expected sequences of different names, found {quote(repeated)} twice: rename a folder")
+    external = [_open_external(folder, settings) for settings in study.external]
+    for settings in study.external:
+        if settings.sequence is not None and settings.sequence not in names:
+            known = ", ".join(names)
+            raise AsfmError(
+                f"external matcher {settings.name}: expected a sequence among {known}, found {quote(settings.sequence)}"
+            )
+    _check_matched(study, recordings)
+    cells = []
+    for sequence, seed in product(sequences, study.seeds):
+        for cell in _list_matchers(study, external, sequence, seed):
+            cells.append(cell)
+            if len(cells) > MAX_CELLS:
+                raise AsfmError(f"expected at most {MAX_CELLS} cells in a study, found more")
+    if not cells:
+        raise AsfmError("the grid is empty: external matches are of recordings, and corruption of simulated scenes")
+    return cells
+
+
+def list_corruptions(settings: CorruptionSettings) -> list[Corruption]:
+    """List the settings of all dials: one dial varied at a time, or their product."""
+    dials = {key: value for key, value in vars(settings).items() if isinstance(value, tuple)}
+    first = Corruption(**{key: values[0] for key, values in dials.items()}, points=settings.points)
+    if settings.design == "product":
+        return [replace(first, **dict(zip(dials, values, strict=True))) for values in product(*dials.values())]
+    return [first, *(replace(first, **{key: value}) for key, values in dials.items() for value in values[1:])]
+
+
+def _list_matchers(
+    study: StudyDefinition, external: list[External], sequence: Recording | Simulation, seed: int
+) -> Iterator[Cell]:
+    """List the cells of one sequence and seed."""
+    ends = list(product(study.backend.items(), study.modes))
+
+    def make(matcher: str, chain: str, changes: Sections, end: tuple[tuple[str, Any], Mode], **more: Any) -> Cell:
+        (backend, own), mode = end
+        config = make_config(backend, own, {**changes, "backend": {**MODE_SETTINGS[mode]}}, seed)
+        return Cell(sequence, seed, mode, matcher, chain, backend, config, study.bound_draws, **more)
+
+    for detector, (chain, filters), end in product(study.detectors, study.filters.items(), ends):
+        yield make(detector, chain, {"keypoints": {"detector": detector}, "matching": {"filters": filters}}, end)
+    for matcher, settings in zip(external, study.external, strict=True):
+        if matcher.function is None and (
+            isinstance(sequence, Simulation) or settings.sequence not in (None, sequence.name)
+        ):
+            continue
+        for (chain, filters), end in product(_list_external_chains(study), ends):
+            yield make(matcher.name, chain, {"matching": {"filters": filters}}, end, external=matcher)
+    if study.corruption is not None and isinstance(sequence, Simulation):
+        for corruption, end in product(list_corruptions(study.corruption), ends):
+            yield make(TRUE_MATCHES, NO_FILTERS, _corruption_sections(corruption), end, corruption=corruption)
+
+
+def _list_external_chains(study: StudyDefinition) -> list[tuple[str, tuple[Filter, ...]]]:
+    """Return the chains that differ without the filters on descriptors, which external matches do not have."""
+    found: dict[tuple[Filter, ...], str] = {}
+    for name, filters in study.filters.items():
+        found.setdefault(tuple(filter_name for filter_name in filters if filter_name not in DESCRIPTOR_FILTERS), name)
+    return [(name, filters) for filters, name in found.items()]
+
+
+def _corruption_sections(corruption: Corruption) -> Sections:
+    """Return the settings for true matches: no filter, no alignment of patches, and the stated noise as the sigma."""
+    return {
+        "matching": {"filters": ()},
+        "localisation": {"radius_px": 0},
+        "noise": {
+            "range_bins": max(corruption.range_noise_bins, 0.05),
+            "bearing_beams": max(corruption.bearing_noise_beams, 0.05),
+            "min_bearing_deg": 0.0,
+        },
+    }
+
+
+def make_config(name: str, changes: dict[str, Any], own: Sections, seed: int) -> Config:
+    """Return the configuration of a cell: the defaults, then the study's changes, then what the cell's axes set.
+
+    Raises:
+        AsfmError: a setting is unknown or invalid.
+    """
+    merged: dict[str, Any] = {key: dict(value) if isinstance(value, dict) else value for key, value in changes.items()}
+    for section, values in own.items():
+        if isinstance(merged.get(section, {}), dict):
+            merged[section] = {**merged.get(section, {}), **values}
+    try:
+        return Config.model_validate({**merged, "seed": seed})
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=False)[0]
+        key = quote(".".join(str(part) for part in first["loc"]))
+        if first["type"] == "extra_forbidden":
+            known = ", ".join(sorted(Config.model_fields if len(first["loc"]) == 1 else _fields_of(first["loc"][0])))
+            raise AsfmError(f"back-end {quote(name)}: unknown key {key}; known here: {known}") from None
+        raise AsfmError(f"back-end {quote(name)}: key {key}: {shorten(first['msg'], 200)}") from None
+
+
+def _fields_of(section: int | str) -> list[str]:
+    return list(type(getattr(Config(), str(section))).model_fields)
+
+
+def _open_recording(folder: Path, text: str) -> Recording:
+    path = (folder / text).resolve()
+    open_sequence(path)
+    return Recording(path.name, path, hash_path(path))
+
+
+def _list_simulations(grid: SimulationGrid | None, folder: Path) -> list[Simulation]:
+    if grid is None:
+        return []
+    from asfm.simulation.scenes.catalogue import find_scene
+    from asfm.simulation.simulate import find_sonar
+    from asfm.simulation.vehicle.trajectories import find_motion
+
+    sonars = [str((folder / sonar).resolve()) if sonar.endswith(".json") else sonar for sonar in grid.sonars]
+    for sonar in sonars:
+        find_sonar(sonar)
+    for scene in grid.scenes:
+        find_scene(scene)
+    for motion in grid.motions:
+        if motion is not None:
+            find_motion(motion)
+    return [
+        Simulation(scene, sonar, motion, scene_seed, grid.frames, hash_path(Path(sonar)) if ".json" in sonar else "")
+        for scene, sonar, motion, scene_seed in product(grid.scenes, sonars, grid.motions, grid.scene_seeds)
+    ]
+
+
+def _open_external(folder: Path, settings: ExternalSettings) -> External:
+    if settings.function is not None:
+        return External(settings.name, hash_function(settings.function), function=settings.function)
+    features, matches = (folder / str(settings.features)).resolve(), (folder / str(settings.matches)).resolve()
+    for path in (features, matches):
+        check_file(path, "an HDF5 file")
+    return External(settings.name, hash_content([hash_path(features), hash_path(matches)]), features, matches)
+
+
+def _check_matched(study: StudyDefinition, recordings: list[Recording]) -> None:
+    """Check that files of external matches say which of several recordings they are of."""
+    for settings in study.external:
+        if settings.function is None and settings.sequence is None and len(recordings) > 1:
+            names = ", ".join(recording.name for recording in recordings)
+            raise AsfmError(f"external matcher {settings.name}: expected the key sequence, one of {names}, found none")

@@ -1,0 +1,71 @@
+"""Manifest of a study: what its folder holds, by which versions on which machine, so that nothing else mixes in."""
+
+import importlib.metadata
+import os
+import platform
+from pathlib import Path
+from typing import Any
+
+from asfm import __version__
+from asfm.errors import AsfmError
+from asfm.results.json_file import write_json
+from asfm.safe_json import read_json
+from asfm.study.cell import Cell
+from asfm.study.fingerprint import hash_content
+from asfm.study.study_definition import StudyDefinition
+
+MANIFEST = "manifest.json"
+PACKAGES = ("numpy", "scipy", "gtsam", "opencv-python-headless", "scikit-image", "pyarrow", "matplotlib")
+
+
+def make_manifest(study: StudyDefinition, cells: list[Cell]) -> dict[str, Any]:
+    """Return the content of manifest.json: the study, its cells, versions and machine."""
+    return {
+        "study_id": hash_content([cell.id for cell in cells]),
+        "study": study.model_dump(mode="json"),
+        "versions": {"asfm": __version__, "python": platform.python_version(), **_list_versions()},
+        "machine": {"system": platform.platform(), "processor": _name_processor(), "cores": os.cpu_count() or 1},
+        "cells": [cell.id for cell in cells],
+    }
+
+
+def open_study_folder(folder: Path, manifest: dict[str, Any]) -> None:
+    """Make the folder of a study, or check that an existing one holds the same study, and write its manifest.
+
+    Raises:
+        AsfmError: the folder holds another study or other files, or cannot be written.
+    """
+    path = folder / MANIFEST
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        entries = sorted(entry.name for entry in folder.iterdir())
+    except OSError as error:
+        raise AsfmError(f"{folder}: cannot make or look into the folder: {error.strerror}") from None
+    if MANIFEST in entries:
+        found = read_json(path, "the manifest of a study")
+        if not isinstance(found, dict) or found.get("study_id") != manifest["study_id"]:
+            raise AsfmError(
+                f"{folder}: holds another study, or the same of other inputs or another asfm: choose another folder"
+            )
+        return
+    if entries:
+        raise AsfmError(f"{folder}: expected an empty folder or that of the same study, found {entries[0]}")
+    write_json(path, manifest)
+
+
+def _list_versions() -> dict[str, str]:
+    found = {}
+    for package in PACKAGES:
+        try:
+            found[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def _name_processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()

@@ -1,0 +1,1 @@
+"""Report of a study: figures, tables and one HTML page."""

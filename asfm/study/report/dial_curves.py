@@ -1,0 +1,103 @@
+"""Curves of a study: pose error over each dial of the controlled corruption, with bands over the seeds."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from asfm.study.report.figure_style import LINES, MARKERS, MODES, Figure, add_legend, colour_of, make_axes
+from asfm.study.report.statistics import Interval, seed_interval
+from asfm.study.report.summary_table import DIALS
+from asfm.study.results_table import Row
+
+DIAL_NAMES = {
+    "wrong_share": "share of wrong matches",
+    "wrong_kind": "kind of wrong matches",
+    "stated_range_noise_bins": "noise in range (bins)",
+    "stated_bearing_noise_beams": "noise in bearing (beams)",
+    "noise_kind": "kind of noise",
+    "stated_recall": "recall",
+    "stated_track_length": "longest track (frames)",
+}
+
+
+def draw_dial(corrupted: Sequence[Row], real: Sequence[Row], dial: str) -> Figure | None:
+    """Draw ATE and ATE / bound over one dial of the corruption, the other dials at their first value."""
+    first = {name: corrupted[0][name] for name in DIALS} if corrupted else {}
+    chosen = [row for row in corrupted if all(row[name] == first[name] for name in DIALS if name != dial)]
+    values = list(dict.fromkeys(row[dial] for row in chosen))
+    if len(values) < 2:
+        return None
+    from matplotlib.ticker import MaxNLocator
+
+    place = _place_values(values)
+    drawing, axes = make_axes(4.6, 2)
+    for axis, (column, label) in zip(axes, (("ate_m", "ATE (m)"), ("ate_over_bound", "ATE / bound")), strict=True):
+        for number, mode in enumerate(MODES):
+            own = [row for row in chosen if row["mode"] == mode]
+            found = [
+                (place[value], seed_interval([row for row in own if row[dial] == value], column)) for value in values
+            ]
+            _draw_band(axis, sorted((x, one) for x, one in found if one is not None), mode, number)
+        if dial == "wrong_share":
+            _add_real_matchers(axis, real, column)
+        axis.set_ylabel(label)
+        axis.set_ylim(0, _find_top(axis))
+    axes[-1].set_xlabel(DIAL_NAMES[dial])
+    axes[-1].xaxis.set_major_locator(MaxNLocator(5))
+    if any(isinstance(value, str) or value is None for value in values):
+        axes[-1].set_xticks(
+            [place[value] for value in values], ["no limit" if value is None else f"{value}" for value in values]
+        )
+    add_legend(drawing, axes[0])
+    others = ", ".join(f"{DIAL_NAMES[name]} {_show(value)}" for name, value in first.items() if name != dial)
+    text = (
+        f"Pose error of true matches over the {DIAL_NAMES[dial]}; the other dials are at their first value ({others}). "
+        "Lines are means over sequences and seeds, bands 95 % intervals of the mean over seeds (Student's t; a seed's "
+        "value is its mean over the sequences); the axis cuts off wide ones. The bound is the error of the same "
+        "observations at ideal places with true associations, computed for every cell."
+    )
+    if dial == "wrong_share":
+        text += " Points are real matchers, at one minus their precision: means over the cells of a matcher and mode."
+    return Figure(f"dial_{dial}", f"Pose error over the {DIAL_NAMES[dial]}", text, drawing)
+
+
+def _draw_band(axis: Any, curve: Sequence[tuple[float, Interval]], mode: str, number: int) -> None:
+    if not curve:
+        return
+    x, colour = [place for place, _ in curve], colour_of(number)
+    axis.plot(
+        x, [one.mean for _, one in curve], LINES[mode], color=colour, marker=MARKERS[mode], ms=4, label=MODES[mode]
+    )
+    axis.fill_between(x, [one.low for _, one in curve], [one.high for _, one in curve], color=colour, alpha=0.18, lw=0)
+
+
+def _find_top(axis: Any) -> float | None:
+    """Return the top of an axis that shows all means and points, but not all of an interval over a few seeds."""
+    heights = [value for line in axis.lines for value in line.get_ydata()]
+    heights += [value for points in axis.collections for _, value in points.get_offsets()]
+    return 2.2 * max(heights) if heights and max(heights) > 0 else None
+
+
+def _add_real_matchers(axis: Any, rows: Sequence[Row], column: str) -> None:
+    """Add real matchers to the curve over wrong matches, in the colours of the modes."""
+    groups: dict[tuple[str, str, str], list[Row]] = {}
+    for row in rows:
+        if row["precision"] is not None and row[column] is not None:
+            groups.setdefault((row["detector"], row["filters"], row["mode"]), []).append(row)
+    for (_, _, mode), own in groups.items():
+        x, y = 1 - np.mean([row["precision"] for row in own]), np.mean([row[column] for row in own])
+        axis.scatter(
+            [x], [y], 14, colour_of(list(MODES).index(mode)), MARKERS[mode], edgecolors="black", linewidths=0.5
+        )
+
+
+def _place_values(values: Sequence[Any]) -> dict[Any, float]:
+    """Return where the values of a dial are drawn: numbers at themselves, others one beside the other."""
+    if all(isinstance(value, int | float) for value in values):
+        return {value: float(value) for value in values}
+    return {value: float(number) for number, value in enumerate(values)}
+
+
+def _show(value: Any) -> str:
+    return "without limit" if value is None else f"{value}"
