@@ -126,9 +126,10 @@ def test_evo_is_never_imported_at_run_time() -> None:
     assert not any(name.startswith("evo") for name in project()["project"]["dependencies"])
 
 
-def test_only_backend_and_pipeline_load_gtsam() -> None:
+def test_only_backend_pipeline_and_studies_load_gtsam() -> None:
     modules = [module_name(path) for path in package_files() if path.name != "__main__.py"]
-    solving = [name for name in modules if name.startswith(("asfm.backend", "asfm.pipeline"))]
+    users = ("asfm.backend", "asfm.pipeline", "asfm.study", "asfm.commands.study")
+    solving = [name for name in modules if name.startswith(users)]
     others = [name for name in modules if name not in solving]
     assert len(others) > 20
     assert loaded_after_import(others, NEVER_ON_IMPORT) == []

@@ -19,6 +19,7 @@ WITHOUT_A_TEST_FILE = {
     "asfm/simulation/scenes/seafloor.py": "a scene: tests/simulation/scenes/test_catalogue.py",
     "asfm/simulation/scenes/tank.py": "a scene: tests/simulation/scenes/test_catalogue.py",
     "asfm/simulation/scenes/wreck.py": "a scene: tests/simulation/scenes/test_catalogue.py",
+    "asfm/study/report/page_style.py": "a style sheet without code",
     "asfm/visualization/blueprint.py": "read back from recordings: tests/visualization/test_rerun_recorder.py",
     "asfm/visualization/world.py": "read back from recordings: tests/visualization/test_rerun_recorder.py",
     "backend/graph/problem.py": "a dataclass without methods",

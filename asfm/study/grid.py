@@ -71,12 +71,18 @@ def build_grid(study: StudyDefinition, folder: Path) -> list[Cell]:
 
 
 def list_corruptions(settings: CorruptionSettings) -> list[Corruption]:
-    """List the settings of all dials: one dial varied at a time, or their product."""
+    """List the settings of all dials: one dial varied at a time, or their product.
+
+    Every kind of wrong matches is varied over all shares of them.
+    """
     dials = {key: value for key, value in vars(settings).items() if isinstance(value, tuple)}
     first = Corruption(**{key: values[0] for key, values in dials.items()}, points=settings.points)
     if settings.design == "product":
         return [replace(first, **dict(zip(dials, values, strict=True))) for values in product(*dials.values())]
-    return [first, *(replace(first, **{key: value}) for key, values in dials.items() for value in values[1:])]
+    found = [first, *(replace(first, **{key: value}) for key, values in dials.items() for value in values[1:])]
+    kinds = [replace(first, wrong_kind=kind) for kind in settings.wrong_kind[1:]]
+    found = [one for one in found if one not in kinds or one.wrong_share]  # without wrong ones, their kind is nothing
+    return [*found, *(replace(one, wrong_share=share) for one in kinds for share in settings.wrong_share[1:])]
 
 
 def _list_matchers(

@@ -23,7 +23,7 @@ def read_keypoints(path: Path) -> list[Keypoints]:
     """Read the keypoints of all frames."""
     with np.load(path, allow_pickle=False) as file:
         ends = np.cumsum(file["counts"])[:-1]
-        columns = [np.split(file[name], ends) for name in FIELDS]
+        columns = [np.split(file[name], ends)[: len(ends) + 1] for name in FIELDS]
     no_patches = np.zeros((0, 1, 1), dtype=np.float32)
     return [
         Keypoints(row_column, range_m, bearing_rad, response, descriptors, no_patches)
@@ -49,7 +49,7 @@ def read_matches(path: Path) -> list[Matches]:
     """Read the matches of all pairs of frames."""
     with np.load(path, allow_pickle=False) as file:
         frames, counts, has_sigma = file["frames"].tolist(), file["counts"], file["has_sigma"]
-        index, cost = (np.split(file[name], np.cumsum(counts)[:-1]) for name in ("index", "cost"))
+        index, cost = (np.split(file[name], np.cumsum(counts)[:-1])[: len(counts)] for name in ("index", "cost"))
         sigma = iter(np.split(file["sigma"], np.cumsum(counts[has_sigma])[:-1]))
     return [
         Matches(a, b, pair_index, pair_cost, sigma=next(sigma) if stated else None)

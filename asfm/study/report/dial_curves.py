@@ -1,6 +1,7 @@
 """Curves of a study: pose error over each dial of the controlled corruption, with bands over the seeds."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,8 +22,32 @@ DIAL_NAMES = {
 }
 
 
+def draw_other_kind(corrupted: Sequence[Row], real: Sequence[Row], kind: str) -> Figure | None:
+    """Draw the curve over the share of wrong matches of another kind than the first.
+
+    Args:
+        corrupted: cells of true matches with corruption.
+        real: cells of real matchers.
+        kind: of the wrong matches.
+    """
+    clean = [{**row, "wrong_kind": kind} for row in corrupted if not row["wrong_share"]]
+    figure = draw_dial([*clean, *(row for row in corrupted if row["wrong_kind"] == kind)], real, "wrong_share")
+    if figure is None:
+        return None
+    return replace(figure, name=f"{figure.name}_{kind.replace('-', '_')}", title=f"{figure.title}, {kind}")
+
+
 def draw_dial(corrupted: Sequence[Row], real: Sequence[Row], dial: str) -> Figure | None:
-    """Draw ATE and ATE / bound over one dial of the corruption, the other dials at their first value."""
+    """Draw ATE and ATE / bound over one dial of the corruption, the other dials at their first value.
+
+    Args:
+        corrupted: cells of true matches with corruption.
+        real: cells of real matchers, which are added over the share of wrong matches.
+        dial: one of DIALS.
+
+    Returns:
+        The figure; None where the dial has one value only.
+    """
     first = {name: corrupted[0][name] for name in DIALS} if corrupted else {}
     chosen = [row for row in corrupted if all(row[name] == first[name] for name in DIALS if name != dial)]
     values = list(dict.fromkeys(row[dial] for row in chosen))
@@ -87,9 +112,8 @@ def _add_real_matchers(axis: Any, rows: Sequence[Row], column: str) -> None:
             groups.setdefault((row["detector"], row["filters"], row["mode"]), []).append(row)
     for (_, _, mode), own in groups.items():
         x, y = 1 - np.mean([row["precision"] for row in own]), np.mean([row[column] for row in own])
-        axis.scatter(
-            [x], [y], 14, colour_of(list(MODES).index(mode)), MARKERS[mode], edgecolors="black", linewidths=0.5
-        )
+        style = {"color": colour_of(list(MODES).index(mode)), "marker": MARKERS[mode], "edgecolors": "black"}
+        axis.scatter([x], [y], 14, linewidths=0.5, **style)
 
 
 def _place_values(values: Sequence[Any]) -> dict[Any, float]:

@@ -70,7 +70,7 @@ def add_legend(drawing: Any, axis: Any) -> None:
 def add_legend_of_colours(drawing: Any, axis: Any, names: Sequence[str]) -> None:
     """Name the colours of many matchers; the text names the markers."""
     for number, name in enumerate(names):
-        axis.scatter([], [], 16, colour_of(number), "o", label=name)
+        axis.scatter([], [], 16, color=colour_of(number), marker="o", label=name)
     add_legend(drawing, axis)
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from asfm.study.report.dial_curves import draw_dial
+from asfm.study.report.dial_curves import draw_dial, draw_other_kind
 from asfm.study.report.error_law import ErrorLaw
 from asfm.study.report.figure_style import (
     MARKERS,
@@ -42,8 +42,14 @@ def draw_figures(rows: Sequence[Row], law: ErrorLaw | None) -> list[Figure]:
     if error is not None:
         figures += [_draw_precision(rows, error), _draw_matchers(real, error)]
     figures += [draw_dial(corrupted, real, dial) for dial in DIALS]
+    figures += [draw_other_kind(corrupted, real, kind) for kind in _list_other_kinds(corrupted)]
     figures += [_draw_law(law)]
     return [figure for figure in figures if figure is not None]
+
+
+def _list_other_kinds(corrupted: Sequence[Row]) -> list[str]:
+    """Return the kinds of wrong matches after the first."""
+    return list(dict.fromkeys(row["wrong_kind"] for row in corrupted))[1:]
 
 
 def _draw_precision(rows: Sequence[Row], error: str) -> Figure | None:
@@ -59,7 +65,8 @@ def _draw_precision(rows: Sequence[Row], error: str) -> Figure | None:
         if own:
             x, y = ([row[column] for row in own] for column in (quality, error))
             label = f"{name}, {MODES[mode]}" if len(names) * len({row["mode"] for row in known}) <= 12 else None
-            axis.scatter(x, y, 16, colour_of(names.index(name)), MARKERS[mode], alpha=0.6, linewidths=0, label=label)
+            style = {"color": colour_of(names.index(name)), "marker": MARKERS[mode], "alpha": 0.6, "linewidths": 0}
+            axis.scatter(x, y, 16, label=label, **style)
     axis.set(xlabel="precision of the matches" if quality == "precision" else "share on the elevation arc")
     axis.locator_params(axis="x", nbins=5)
     use_log_scale(axis, ERRORS[error])

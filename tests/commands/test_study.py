@@ -1,0 +1,62 @@
+"""``asfm study``: the plan without work, the files of the tools, and what a finished study prints."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from asfm.cli import run_command_line
+from asfm.commands import plan_study, run_study
+from asfm.study.study_run import load_grid
+from tests.study.conftest import study_folder  # noqa: F401 - a fixture
+
+Ask = Callable[..., str]
+TOOLS = Path(__file__).resolve().parents[2] / "tools"
+
+
+def test_a_dry_run_prints_the_grid_and_runs_nothing(tmp_path: Path, ask: Ask) -> None:
+    path = tmp_path / "study.yaml"
+    path.write_text(
+        "simulate: {scenes: [tank], sonars: [didson], frames: 10}\nseeds: 2\nmodes: [sonar, all]\n"
+        "detectors: [akaze]\nexternal: [{name: mine, function: 'json:loads'}]\ncorruption: {recall: [1, 0.5]}\n"
+    )
+    lines = ask("study", path, "--dry-run").splitlines()
+    found = {line[:20].split("  ")[0].strip(): line for line in lines}
+    assert "sonar, all" in found["modes"] and "0, 1" in found["seeds"] and "1.0, 0.5" in found["corruption, recall"]
+    assert any(line.startswith("16 cells, 2 sequences, 2 passes of a front-end; about ") for line in lines)
+    assert lines[-1] == "external matcher: the Python function json:loads is code, and it would be run"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["study.yaml"]
+
+
+@pytest.mark.parametrize(("name", "cells"), [("matcher_study", 2790), ("matcher_study_quick", 64)])
+def test_the_standing_studies_are_valid(name: str, cells: int) -> None:
+    study, grid = load_grid(TOOLS / f"{name}.yaml")
+    assert len(grid) == len({cell.id for cell in grid}) == cells
+    if name == "matcher_study":
+        real = sum(cell.corruption is None for cell in grid)
+        assert len(study.detectors) * len(study.filters) * 3 * 2 * 5 * 3 == real
+    assert plan_study(TOOLS / f"{name}.yaml").estimate.cells == cells
+
+
+def test_an_output_is_needed_for_work(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_command_line(["study", str(TOOLS / "matcher_study_quick.yaml")]) == 2
+    assert "expected a folder for the study (--output DIR), or --dry-run" in capsys.readouterr().err
+
+
+def test_a_finished_study_prints_its_table(
+    study_folder: Path,  # noqa: F811
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    ask: Ask,
+) -> None:
+    monkeypatch.syspath_prepend(str(study_folder))
+    results = tmp_path / "results"
+    shutil.copytree(study_folder / "results", results)
+    (results / "report.html").unlink()
+    text = ask("study", study_folder / "study.yaml", "--output", results)
+    assert "16 cells, 0 computed now, 4 failed" in text and "the function raised ArithmeticError" in text
+    assert text.splitlines()[0].split()[:3] == ["matcher", "filters", "mode"] and "corners" in text
+    assert (results / "report.html").is_file(), "the report is written again"
+    summary = run_study(study_folder / "study.yaml", results)
+    assert summary.computed == 0 and len(summary.rows) == 16 and summary.law is None
