@@ -93,7 +93,8 @@ def _list_matchers(
 
     def make(matcher: str, chain: str, changes: Sections, end: tuple[tuple[str, Any], Mode], **more: Any) -> Cell:
         (backend, own), mode = end
-        config = make_config(backend, own, {**changes, "backend": {**MODE_SETTINGS[mode]}}, seed)
+        sections = {**changes, "backend": {**changes.get("backend", {}), **MODE_SETTINGS[mode]}}
+        config = make_config(backend, own, sections, seed)
         return Cell(sequence, seed, mode, matcher, chain, backend, config, study.bound_draws, **more)
 
     for detector, (chain, filters), end in product(study.detectors, study.filters.items(), ends):
@@ -119,8 +120,12 @@ def _list_external_chains(study: StudyDefinition) -> list[tuple[str, tuple[Filte
 
 
 def _corruption_sections(corruption: Corruption) -> Sections:
-    """Return the settings for true matches: no filter, no alignment of patches, and the stated noise as the sigma."""
+    """Return the settings for true matches: no filter, no alignment of patches, and the stated noise as the sigma.
+
+    White noise is independent along a track, which the default of the back-end does not assume.
+    """
     return {
+        "backend": {"track_correlation": 0.0} if corruption.noise_kind == "white" else {},
         "matching": {"filters": ()},
         "localisation": {"radius_px": 0},
         "noise": {

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from asfm.config import Config
 from asfm.datasets.native.writer import write_native
 from asfm.errors import AsfmError
 from asfm.simulation.simulate import simulate
@@ -63,6 +64,10 @@ def test_true_matches_are_not_filtered_and_have_the_stated_noise(tmp_path: Path)
     assert cell.config.matching.filters == () and cell.config.localisation.radius_px == 0
     noise = cell.config.noise
     assert (noise.range_bins, noise.bearing_beams, noise.min_bearing_deg) == (2.0, 0.05, 0.0)
+    assert cell.config.backend.track_correlation == 0, "white noise is independent along a track"
+    (lasting,) = grid(tmp_path, simulate=TANK, corruption={"noise_kind": ["track"]}, modes=["odometry"])
+    assert lasting.config.backend.track_correlation == Config().backend.track_correlation
+    assert not lasting.config.backend.use_navigation
 
 
 def test_external_matches_are_not_repeated_for_filters_on_descriptors(tmp_path: Path) -> None:
