@@ -10,7 +10,7 @@ from asfm.study.report.html_report import require_matplotlib, write_report
 from asfm.study.report.summary_table import SummaryRow, summarise_rows
 from asfm.study.results_table import Row
 from asfm.study.study_definition import StudyDefinition
-from asfm.study.study_run import compute_cells, load_grid, no_report
+from asfm.study.study_run import RunSettings, compute_cells, load_grid, no_report
 from asfm.study.time_estimate import Estimate, estimate_time
 
 
@@ -77,5 +77,6 @@ def run_study(
     def finish(folder: Path, rows: list[Row]) -> None:
         write_report(folder, rows)
 
-    results = compute_cells(study, cells, output, jobs, retry_failed, report, finish=finish)
+    settings = RunSettings(retry_failed=retry_failed) if jobs is None else RunSettings(jobs, retry_failed)
+    results = compute_cells(study, cells, output, settings, report, finish=finish)
     return StudySummary(output, results.rows, results.computed, summarise_rows(results.rows), fit_law(results.rows))

@@ -70,8 +70,7 @@ def simulate(
         motion: key of :data:`asfm.simulation.vehicle.trajectories.MOTIONS`, or the path of the vehicle; by default the
             scene's usual motion.
         vehicle_from_sonar: (4, 4) lever arm; by default that of the scenario, or the identity.
-        scene_seed: seed of the scene and of the motion in place of ``seed``, which then changes nothing but the noise
-            of the images and of the sensors.
+        scene_seed: seed of scene and motion; ``seed`` then changes nothing but the noise of images and sensors.
 
     Raises:
         AsfmError: an unknown name, a file that cannot be read, a sonar inside an object, fewer than one frame or
@@ -168,18 +167,11 @@ def simulate_path(
 
 
 def add_sensors(sequence: Sequence, seed: int, drift: SlowDrift | None = SLOW_DRIFT) -> Sequence:
-    """Replace odometry, depth and attitude of a sequence by simulated ones.
+    """Replace odometry, depth and attitude by those of a seed of :func:`simulate`, along the true poses.
 
-    Args:
-        sequence: its true poses at the frames, and the standard deviations of its sensors.
-        seed: seed of the errors; those of :func:`simulate` with the same seed.
-        drift: slowly varying bias of the odometry; None for white noise only.
-
-    Raises:
-        ValueError: the sequence has no true poses.
+    The noise is the stated one; ``drift`` is the slowly varying bias of the odometry, None for white noise only.
     """
-    if sequence.groundtruth is None:
-        raise ValueError(f"{sequence.name}: expected true poses to simulate sensors along")
+    assert sequence.groundtruth is not None, "sensors are simulated along true poses"
     odometry = simulate_odometry(sequence.groundtruth, sequence.noise, _generator(seed, _ODOMETRY), drift)
     navigation = simulate_navigation(sequence.groundtruth, sequence.noise, _generator(seed, _NAVIGATION))
     return replace(sequence, odometry=odometry, navigation=navigation)

@@ -29,18 +29,29 @@ def make_manifest(study: StudyDefinition, cells: list[Cell]) -> dict[str, Any]:
     }
 
 
-def open_study_folder(folder: Path, manifest: dict[str, Any]) -> None:
-    """Make the folder of a study, or check that an existing one holds the same study, and write its manifest.
+def make_folder(folder: Path) -> None:
+    """Make the folder of a study where there is none.
 
     Raises:
-        AsfmError: the folder holds another study or other files, or cannot be written.
+        AsfmError: it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise AsfmError(f"{folder}: cannot make the folder: {error.strerror}") from None
+
+
+def open_study_folder(folder: Path, manifest: dict[str, Any]) -> None:
+    """Check that a folder is empty or holds the same study, and write its manifest.
+
+    Raises:
+        AsfmError: the folder holds another study or other files, or cannot be read or written.
     """
     path = folder / MANIFEST
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         entries = sorted(entry.name for entry in folder.iterdir())
     except OSError as error:
-        raise AsfmError(f"{folder}: cannot make or look into the folder: {error.strerror}") from None
+        raise AsfmError(f"{folder}: cannot look into the folder: {error.strerror}") from None
     if MANIFEST in entries:
         found = read_json(path, "the manifest of a study")
         if not isinstance(found, dict) or found.get("study_id") != manifest["study_id"]:

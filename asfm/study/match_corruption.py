@@ -53,17 +53,23 @@ def corrupt_matches(
     matches, true, correct = [], 0, 0
     for b in range(frames):
         for a in range(max(0, b - max_gap), b):
-            _, in_a, in_b = np.intersect1d(identity[of_frame[a]], identity[of_frame[b]], return_indices=True)
-            true += len(np.intersect1d(tracks.track[of_frame[a]], tracks.track[of_frame[b]]))
-            kept = rng.permutation(len(in_a))[: _round(corruption.recall * len(in_a), rng)]
-            index = np.stack([in_a[kept], in_b[kept]], axis=1).astype(np.int64)
-            index = swap_partners(index, keypoints[b].row_column, corruption, rng)
-            correct += int((tracks.track[of_frame[a]][index[:, 0]] == tracks.track[of_frame[b]][index[:, 1]]).sum())
+            sides = of_frame[a], of_frame[b]
+            index = _match_pair(identity[sides[0]], identity[sides[1]], keypoints[b], corruption, rng)
+            true += len(np.intersect1d(tracks.track[sides[0]], tracks.track[sides[1]]))
+            correct += int((tracks.track[sides[0]][index[:, 0]] == tracks.track[sides[1]][index[:, 1]]).sum())
             matches.append(Matches(a, b, index, np.full(len(index), 0.5)))
-    total = sum(len(match) for match in matches)
-    return CorruptedMatches(
-        ExternalMatches(keypoints, tuple(matches)), correct / total if total else None, correct / true if true else None
-    )
+    total, external = sum(len(match) for match in matches), ExternalMatches(keypoints, tuple(matches))
+    return CorruptedMatches(external, correct / total if total else None, correct / true if true else None)
+
+
+def _match_pair(
+    identity_a: IntArray, identity_b: IntArray, keypoints_b: Keypoints, corruption: Corruption, rng: np.random.Generator
+) -> IntArray:
+    """Return the matches (M, 2) of two frames whose keypoints have (Ka,) and (Kb,) identities."""
+    _, in_a, in_b = np.intersect1d(identity_a, identity_b, return_indices=True)
+    kept = rng.permutation(len(in_a))[: _round(corruption.recall * len(in_a), rng)]
+    index = np.stack([in_a[kept], in_b[kept]], axis=1).astype(np.int64)
+    return swap_partners(index, keypoints_b.row_column, corruption, rng)
 
 
 def swap_partners(

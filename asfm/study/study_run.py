@@ -12,10 +12,20 @@ from asfm.study.cell import Cell
 from asfm.study.cell_run import CELLS, CellTask, run_cell
 from asfm.study.grid import build_grid
 from asfm.study.local_engine import Report, RunTask, run_tasks
-from asfm.study.manifest import make_manifest, open_study_folder
+from asfm.study.manifest import make_folder, make_manifest, open_study_folder
 from asfm.study.results_table import Row, read_rows, write_results
 from asfm.study.shared_matching import list_requests
 from asfm.study.study_definition import StudyDefinition, read_study
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """How the cells of a study are run."""
+
+    jobs: int = os.cpu_count() or 1
+    """Number of processes."""
+    retry_failed: bool = False
+    """Run cells again whose row is an error."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +57,7 @@ def compute_cells(
     study: StudyDefinition,
     cells: Sequence[Cell],
     folder: Path,
-    jobs: int | None = None,
-    retry_failed: bool = False,
+    settings: RunSettings | None = None,
     report: Report = no_report,
     run: RunTask = run_cell,
     finish: Callable[[Path, list[Row]], None] | None = None,
@@ -59,8 +68,7 @@ def compute_cells(
         study: the definition.
         cells: its grid.
         folder: of the study; it may hold finished cells of the same study.
-        jobs: number of processes; that of the cores where it is None.
-        retry_failed: compute cells again whose row is an error.
+        settings: number of processes, and whether failed cells are computed again.
         report: receives the progress.
         run: runs one cell.
         finish: writes the report, while the folder is still locked.
@@ -68,18 +76,19 @@ def compute_cells(
     Raises:
         AsfmError: the folder holds something else, another process works in it, or a file cannot be written.
     """
-    if jobs is not None and jobs < 1:
-        raise AsfmError(f"expected at least one process (--jobs), found {jobs}")
-    cells = list(cells)
-    open_study_folder(folder, make_manifest(study, cells))
+    cells, settings = list(cells), settings or RunSettings()
+    if settings.jobs < 1:
+        raise AsfmError(f"expected at least one process (--jobs), found {settings.jobs}")
+    make_folder(folder)
     with lock_folder(folder) as locked:
         if not locked and sys.platform != "win32":
             raise AsfmError(f"{folder}: another asfm study is at work in this folder: wait for it or stop it")
-        pending = _find_pending(folder / CELLS, cells, retry_failed)
+        open_study_folder(folder, make_manifest(study, cells))
+        pending = _find_pending(folder / CELLS, cells, settings.retry_failed)
         requests = list_requests(cells)
         tasks = [CellTask(cell, requests.get(cell.features_key, ())) for cell in pending]
         if tasks:
-            run_tasks(tasks, folder, jobs or os.cpu_count() or 1, run, report)
+            run_tasks(tasks, folder, settings.jobs, run, report)
         rows = read_rows(folder / CELLS, cells)
         write_results(folder, rows)
         if finish is not None:

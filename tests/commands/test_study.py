@@ -1,15 +1,13 @@
 """``asfm study``: the plan without work, the files of the tools, and what a finished study prints."""
 
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from asfm.cli import run_command_line
-from asfm.commands import plan_study, run_study
+from asfm.commands import plan_study
 from asfm.study.study_run import load_grid
-from tests.study.conftest import study_folder  # noqa: F401 - a fixture
 
 Ask = Callable[..., str]
 TOOLS = Path(__file__).resolve().parents[2] / "tools"
@@ -42,21 +40,3 @@ def test_the_standing_studies_are_valid(name: str, cells: int) -> None:
 def test_an_output_is_needed_for_work(capsys: pytest.CaptureFixture[str]) -> None:
     assert run_command_line(["study", str(TOOLS / "matcher_study_quick.yaml")]) == 2
     assert "expected a folder for the study (--output DIR), or --dry-run" in capsys.readouterr().err
-
-
-def test_a_finished_study_prints_its_table(
-    study_folder: Path,  # noqa: F811
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    ask: Ask,
-) -> None:
-    monkeypatch.syspath_prepend(str(study_folder))
-    results = tmp_path / "results"
-    shutil.copytree(study_folder / "results", results)
-    (results / "report.html").unlink()
-    text = ask("study", study_folder / "study.yaml", "--output", results)
-    assert "16 cells, 0 computed now, 4 failed" in text and "the function raised ArithmeticError" in text
-    assert text.splitlines()[0].split()[:3] == ["matcher", "filters", "mode"] and "corners" in text
-    assert (results / "report.html").is_file(), "the report is written again"
-    summary = run_study(study_folder / "study.yaml", results)
-    assert summary.computed == 0 and len(summary.rows) == 16 and summary.law is None

@@ -10,11 +10,8 @@ TOOLS = Path(__file__).resolve().parents[2] / "tools"
 
 def test_the_quick_study_ends_in_a_report(tmp_path: Path) -> None:
     reports: list[tuple[int, int]] = []
-    summary = run_study(
-        TOOLS / "matcher_study_quick.yaml",
-        tmp_path / "quick",
-        report=lambda done, total, _: reports.append((done, total)),
-    )
+    study, output = TOOLS / "matcher_study_quick.yaml", tmp_path / "quick"
+    summary = run_study(study, output, report=lambda done, total, _: reports.append((done, total)))
     assert reports[-1] == (56, 56) and summary.computed == 56
     assert [row["error"] for row in summary.rows if row["error"]] == []
     assert all(row["ate_over_bound"] > 0 and row["precision"] > 0.5 for row in summary.rows)

@@ -6,7 +6,7 @@ import pytest
 
 from asfm.errors import AsfmError
 from asfm.study.grid import build_grid
-from asfm.study.manifest import MANIFEST, make_manifest, open_study_folder
+from asfm.study.manifest import MANIFEST, make_folder, make_manifest, open_study_folder
 from asfm.study.study_definition import StudyDefinition
 
 
@@ -19,6 +19,8 @@ def manifest(folder: Path, seeds: int = 1) -> dict[str, object]:
 def test_the_same_study_goes_on_in_its_folder(tmp_path: Path) -> None:
     folder = tmp_path / "a" / "b"
     made = manifest(tmp_path)
+    make_folder(folder)
+    make_folder(folder)
     open_study_folder(folder, made)
     before = (folder / MANIFEST).read_bytes()
     open_study_folder(folder, manifest(tmp_path))
@@ -27,6 +29,7 @@ def test_the_same_study_goes_on_in_its_folder(tmp_path: Path) -> None:
 
 
 def test_other_studies_and_files_are_refused(tmp_path: Path) -> None:
+    make_folder(tmp_path / "one")
     open_study_folder(tmp_path / "one", manifest(tmp_path))
     with pytest.raises(AsfmError, match="holds another study"):
         open_study_folder(tmp_path / "one", manifest(tmp_path, seeds=2))
@@ -35,7 +38,9 @@ def test_other_studies_and_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(AsfmError, match=r"expected an empty folder or that of the same study, found thesis\.tex"):
         open_study_folder(tmp_path / "two", manifest(tmp_path))
     (tmp_path / "file").touch()
-    with pytest.raises(AsfmError, match="cannot make or look into the folder"):
+    with pytest.raises(AsfmError, match="cannot make the folder"):
+        make_folder(tmp_path / "file")
+    with pytest.raises(AsfmError, match="cannot look into the folder"):
         open_study_folder(tmp_path / "file", manifest(tmp_path))
     (tmp_path / "one" / MANIFEST).write_text("{}")
     with pytest.raises(AsfmError, match="holds another study"):

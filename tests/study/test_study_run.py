@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from asfm.cli import run_command_line
+from asfm.commands import run_study
 from asfm.errors import AsfmError
 from asfm.folder_lock import lock_folder
-from asfm.study.study_run import compute_cells, load_grid
+from asfm.study.study_run import RunSettings, compute_cells, load_grid
 from tests.study.conftest import run_asfm
 
 LARGEST_WAIT_S = 120
@@ -99,7 +100,7 @@ def test_failed_cells_are_computed_again_where_that_is_asked_for(
     monkeypatch.syspath_prepend(str(study_folder))
     shutil.copytree(study_folder / "results", tmp_path / "results")
     study, cells = load_grid(study_folder / "study.yaml")
-    results = compute_cells(study, cells, tmp_path / "results", jobs=1, retry_failed=True)
+    results = compute_cells(study, cells, tmp_path / "results", RunSettings(1, retry_failed=True))
     assert results.computed == 4 and sum(row["error"] is not None for row in results.rows) == 4
 
 
@@ -122,7 +123,7 @@ def test_folders_of_others_are_refused(study_folder: Path, tmp_path: Path, capsy
         assert locked
         assert "another asfm study is at work" in refuse(other, folder)
     with pytest.raises(AsfmError, match="expected at least one process"):
-        compute_cells(*load_grid(other), tmp_path / "new", jobs=0)
+        compute_cells(*load_grid(other), tmp_path / "new", RunSettings(jobs=0))
 
 
 def test_parquet_and_csv_say_the_same(study_folder: Path) -> None:
@@ -133,3 +134,19 @@ def test_parquet_and_csv_say_the_same(study_folder: Path) -> None:
         assert {name: "" if value is None else str(value) for name, value in row.items()} == text
     assert np.isfinite([row["seconds"] for row in table]).all()
     assert list((study_folder / "results" / "figures").iterdir())
+
+
+def test_a_finished_study_prints_its_table_and_writes_its_report_again(
+    study_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    monkeypatch.syspath_prepend(str(study_folder))
+    results = tmp_path / "results"
+    shutil.copytree(study_folder / "results", results)
+    (results / "report.html").unlink()
+    assert run_command_line(["study", str(study_folder / "study.yaml"), "--output", str(results)]) == 0
+    text = capsys.readouterr().out
+    assert "16 cells, 0 computed now, 4 failed" in text and "the function raised ArithmeticError" in text
+    assert text.splitlines()[0].split()[:3] == ["matcher", "filters", "mode"] and "corners" in text
+    assert (results / "report.html").is_file(), "the report is written again"
+    summary = run_study(study_folder / "study.yaml", results)
+    assert summary.computed == 0 and len(summary.rows) == 16 and summary.law is None

@@ -53,8 +53,6 @@ def draw_dial(corrupted: Sequence[Row], real: Sequence[Row], dial: str) -> Figur
     values = list(dict.fromkeys(row[dial] for row in chosen))
     if len(values) < 2:
         return None
-    from matplotlib.ticker import MaxNLocator
-
     place = _place_values(values)
     drawing, axes = make_axes(4.6, 2)
     for axis, (column, label) in zip(axes, (("ate_m", "ATE (m)"), ("ate_over_bound", "ATE / bound")), strict=True):
@@ -68,13 +66,24 @@ def draw_dial(corrupted: Sequence[Row], real: Sequence[Row], dial: str) -> Figur
             _add_real_matchers(axis, real, column)
         axis.set_ylabel(label)
         axis.set_ylim(0, _find_top(axis))
-    axes[-1].set_xlabel(DIAL_NAMES[dial])
-    axes[-1].xaxis.set_major_locator(MaxNLocator(5))
-    if any(isinstance(value, str) or value is None for value in values):
-        axes[-1].set_xticks(
-            [place[value] for value in values], ["no limit" if value is None else f"{value}" for value in values]
-        )
+    _label_values(axes[-1], dial, place)
     add_legend(drawing, axes[0])
+    title = f"Pose error over the {DIAL_NAMES[dial]}"
+    return Figure(f"dial_{dial}", title, _describe(dial, first), drawing)
+
+
+def _label_values(axis: Any, dial: str, place: dict[Any, float]) -> None:
+    """Name a dial and its values below an axis."""
+    from matplotlib.ticker import MaxNLocator
+
+    axis.set_xlabel(DIAL_NAMES[dial])
+    axis.xaxis.set_major_locator(MaxNLocator(5))
+    if any(isinstance(value, str) or value is None for value in place):
+        axis.set_xticks(list(place.values()), ["no limit" if value is None else f"{value}" for value in place])
+
+
+def _describe(dial: str, first: dict[str, Any]) -> str:
+    """Say what the curve over a dial shows, and the ``first`` values of the dials, which the others have."""
     others = ", ".join(f"{DIAL_NAMES[name]} {_show(value)}" for name, value in first.items() if name != dial)
     text = (
         f"Pose error of true matches over the {DIAL_NAMES[dial]}; the other dials are at their first value ({others}). "
@@ -84,7 +93,7 @@ def draw_dial(corrupted: Sequence[Row], real: Sequence[Row], dial: str) -> Figur
     )
     if dial == "wrong_share":
         text += " Points are real matchers, at one minus their precision: means over the cells of a matcher and mode."
-    return Figure(f"dial_{dial}", f"Pose error over the {DIAL_NAMES[dial]}", text, drawing)
+    return text
 
 
 def _draw_band(axis: Any, curve: Sequence[tuple[float, Interval]], mode: str, number: int) -> None:
