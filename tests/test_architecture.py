@@ -22,7 +22,7 @@ PRINTERS = {
     *("typer.echo", "typer.secho", "click.echo", "click.secho", "traceback.print_exc"),
 }
 
-NEVER_ON_IMPORT = ("gtsam", "rerun", "trimesh", "embreex", "matplotlib", "evo")
+NEVER_ON_IMPORT = ("gtsam", "rerun", "trimesh", "embreex", "matplotlib", "evo", "torch", "kornia")
 NOT_BEFORE_A_COMMAND = (*NEVER_ON_IMPORT, "cv2", "skimage", "sklearn")
 LIGHT_MODULES = (
     "asfm",

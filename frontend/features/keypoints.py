@@ -52,7 +52,7 @@ def detect_keypoints(frame: Frame, mask: BoolArray, sonar: SonarModel, config: C
         return _no_keypoints(settings, config.patch_radius_px)
     image_warp = _image_warp_of(image, sonar, settings)
     warped = image_warp.warp(normalise_intensity(image, settings))
-    features = _find_in_mask(warped, image_warp.warp_mask(_exclude_border_rows(mask)), settings)
+    features = _find_in_mask(warped, image_warp.warp_mask(exclude_border_rows(mask)), settings)
     row_column = image_warp.to_polar(features.xy_px)
     return Keypoints(
         row_column=row_column,
@@ -97,8 +97,8 @@ def cut_keypoint_patches(frame: Frame, keypoints: Keypoints, sonar: SonarModel, 
     return replace(keypoints, patches=cut_patches(warped, xy_px[:, ::-1], config.patch_radius_px))
 
 
-def _exclude_border_rows(mask: BoolArray) -> BoolArray:
-    """Remove the nearest and farthest rows from the mask, unless the image is small."""
+def exclude_border_rows(mask: BoolArray) -> BoolArray:
+    """Remove the nearest and farthest rows from a (ranges, beams) mask, unless the image is small."""
     if len(mask) < SMALL_SIDE_PX:
         return mask
     inner = np.zeros_like(mask)
