@@ -1,23 +1,20 @@
 """Metrics of a cell: quality of its matches and of its poses, against as much truth as its sequence has."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from asfm.errors import AsfmError
 from asfm.evaluation.accuracy_bound import measure_bound
-from asfm.evaluation.association import within_reach
-from asfm.evaluation.matching import MatchQuality, evaluate_by_arcs, evaluate_by_truth, pool_pairs
+from asfm.evaluation.evaluation_table import EvaluationTable
+from asfm.evaluation.matcher_quality import measure_matcher
 from asfm.evaluation.mirror_image import ATE_RMSE_MIRRORED, add_mirror_image
-from asfm.evaluation.pose_error_table import ATE_OVER_PATH, ATE_RMSE, EvaluationTable, evaluate_sequence
-from asfm.evaluation.trajectory import interpolate_groundtruth
+from asfm.evaluation.pose_error_table import ATE_OVER_PATH, ATE_RMSE, evaluate_sequence
 from asfm.pipeline import Run
 from asfm.sequence import Sequence
 from asfm.study.cell import Cell
 from asfm.study.match_corruption import CorruptedMatches
 from asfm.study.sequence_provider import StudySequence
-from asfm.types import FloatArray, Matches
 
 Values = dict[str, Any]
 POSE_METRICS = {
@@ -28,6 +25,11 @@ POSE_METRICS = {
     "rpe_rotation_deg": "rpe_rotation_rmse_deg_segment",
 }
 """Columns that are rows of the evaluation of poses, by their keys there."""
+MATCH_METRICS = (
+    *("precision", "recall", "arc_inlier_ratio", "range_bias_m", "bearing_bias_rad"),
+    *("track_purity", "keypoint_coverage", "match_coverage"),
+)
+"""Columns that are measures of the matcher, by their names there."""
 
 
 def measure_cell(cell: Cell, run: Run, opened: StudySequence, corrupted: CorruptedMatches | None) -> Values:
@@ -53,7 +55,7 @@ def measure_cell(cell: Cell, run: Run, opened: StudySequence, corrupted: Corrupt
     values |= _measure_poses(cell, run, sequence)
     values |= _measure_matches(run, opened) if corrupted is None else _list_known(corrupted, cell)
     if opened.read_truth is None:
-        return {**values, "missing": "no true elevations: precision, recall, noise and bound"}
+        return {**values, "missing": "no true elevations: precision, recall, noise, purity and bound"}
     if cell.bound_draws:
         bound = measure_bound(
             sequence, opened.read_truth, result.tracks, result.observed, cell.config, cell.bound_draws
@@ -89,38 +91,18 @@ def _find(table: EvaluationTable, key: str) -> float | None:
 
 
 def _measure_matches(run: Run, opened: StudySequence) -> Values:
-    """Return precision, recall and noise by true elevations, and the share of matches on their elevation arcs."""
-    sequence = opened.sequence
-    assert sequence.groundtruth is not None
-    known = within_reach(sequence.timestamps_s, sequence.groundtruth.timestamps_s)
-    matches = [match for match in run.matches if known[match.frame_a] and known[match.frame_b]]
-    world_from_sonar = interpolate_groundtruth(sequence) @ sequence.vehicle_from_sonar
-    values: Values = {"arc_inlier_ratio": _arc_inlier_ratio(run, matches, world_from_sonar, sequence)}
-    if opened.read_truth is None:
-        return values
-    quality = pool_pairs(evaluate_by_truth(run.keypoints, matches, world_from_sonar, opened.read_truth).values())
-    return {**values, "precision": quality.precision, "recall": quality.recall, **_measure_noise(quality, sequence)}
+    """Return precision, recall, noise and purity by true elevations, and the share of matches on their elevation arcs.
 
-
-def _arc_inlier_ratio(
-    run: Run, matches: list[Matches], world_from_sonar: FloatArray, sequence: Sequence
-) -> float | None:
-    inlier = evaluate_by_arcs(run.keypoints, matches, world_from_sonar, sequence.sonar)
-    every = np.concatenate([np.zeros(0), *inlier.values()])
-    return float(every.mean()) if len(every) else None
-
-
-def _measure_noise(quality: MatchQuality, sequence: Sequence) -> Mapping[str, float | None]:
-    """Return the noise of one keypoint: the errors of correct matches hold that of two."""
-    if quality.correct < 2:
-        return {"range_noise_bins": None, "bearing_noise_beams": None}
-    sigma_m, sigma_rad = (
-        float(np.std(error) / np.sqrt(2)) for error in (quality.range_error_m, quality.bearing_error_rad)
-    )
-    return {
-        "range_noise_bins": sigma_m / sequence.sonar.range_step_m,
-        "bearing_noise_beams": sigma_rad / sequence.sonar.bearing_step_rad,
-    }
+    The noise is that of one keypoint: the errors of correct matches hold that of two.
+    """
+    quality = measure_matcher(
+        run.keypoints, run.matches, run.reconstruction.tracks, opened.sequence, opened.read_truth
+    ).as_dict()
+    values: Values = {name: quality[name] for name in MATCH_METRICS if quality[name] is not None}
+    for column, name in (("range_noise_bins", "range_sigma_px"), ("bearing_noise_beams", "bearing_sigma_px")):
+        sigma_px = quality[name]
+        values |= {column: sigma_px / float(np.sqrt(2.0))} if sigma_px is not None else {}
+    return values
 
 
 def _list_known(corrupted: CorruptedMatches, cell: Cell) -> Values:

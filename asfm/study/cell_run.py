@@ -94,7 +94,8 @@ def _reconstruct_by_detector(task: CellTask, opened: StudySequence, cache: Study
         found = stored.extract(*stage)  # type: ignore[arg-type]
         return resample_tracks(*found, _generator(cell)) if _is_resampled(cell) else found
 
-    return reconstruct(opened.sequence, cell.config, extract=extract)
+    config = cell.config.model_copy(update={"noise": stored.noise})
+    return reconstruct(opened.sequence, config, extract=extract)
 
 
 def _own_request(cell: Cell) -> tuple[MatchRequest, ...]:

@@ -132,6 +132,7 @@ def _corruption_sections(corruption: Corruption) -> Sections:
             "range_bins": max(corruption.range_noise_bins, 0.05),
             "bearing_beams": max(corruption.bearing_noise_beams, 0.05),
             "min_bearing_deg": 0.0,
+            "estimated": False,
         },
     }
 

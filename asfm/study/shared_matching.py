@@ -4,13 +4,16 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from asfm.config import BackendConfig, Config, Filter
+from asfm.config import BackendConfig, Config, Filter, NoiseConfig
 from asfm.navigation.frame_navigation import read_navigation
 from asfm.navigation.local_world import move_to_local_origin
 from asfm.navigation.pose_prediction import PosePrediction, predict_poses
 from asfm.pipeline.chain_matching import FilterChain, extract_chains
 from asfm.pipeline.feature_matching import extract_matches
+from asfm.pipeline.noise_estimation import estimate_noise
 from asfm.recorder import Recorder
+from asfm.results.json_file import write_json
+from asfm.safe_json import read_json
 from asfm.sequence import Sequence
 from asfm.stages import StageClock
 from asfm.study.cell import Cell
@@ -19,7 +22,7 @@ from asfm.study.fingerprint import hash_content
 from asfm.study.match_files import read_keypoints, read_matches, write_keypoints, write_matches
 from asfm.types import ExternalMatches, Keypoints, Matches
 
-KEYPOINTS = "keypoints.npz"
+KEYPOINTS, NOISE = "keypoints.npz", "noise.json"
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,8 @@ class StoredMatches:
 
     folder: Path
     sequence: Sequence
+    noise: NoiseConfig
+    """Of the features, as it was estimated before they were matched."""
 
     def extract(
         self,
@@ -79,17 +84,20 @@ def provide_matches(
     """
 
     def write(folder: Path) -> None:
-        chains: dict[str, FilterChain] = {}
+        config, chains = estimate_noise(sequence, cell.config, StageClock()), dict[str, FilterChain]()
         for request in requests:
             local, _ = move_to_local_origin(sequence, request.backend)
             prediction = predict_poses(read_navigation(local, request.backend), local)
             chains.setdefault(_name(request.filters, prediction), FilterChain(request.filters, prediction))
-        keypoints, found = extract_chains(sequence, cell.config, list(chains.values()))
+        keypoints, found = extract_chains(sequence, config, list(chains.values()))
+        write_json(folder / NOISE, config.noise.model_dump(mode="json"))
         write_keypoints(folder / KEYPOINTS, keypoints)
         for name, matches in zip(chains, found, strict=True):
             write_matches(folder / name, matches)
 
-    return StoredMatches(cache.provide("features", cell.features_key, write), sequence)
+    folder = cache.provide("features", cell.features_key, write)
+    noise = NoiseConfig.model_validate(read_json(folder / NOISE, "the noise of features"))
+    return StoredMatches(folder, sequence, noise)
 
 
 def _name(filters: tuple[Filter, ...], prediction: PosePrediction | None) -> str:

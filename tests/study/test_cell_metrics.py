@@ -8,6 +8,7 @@ import pytest
 
 from asfm.config import Config
 from asfm.errors import AsfmError
+from asfm.evaluation.matcher_quality import measure_matcher
 from asfm.geometry.reflection import reflect_after
 from asfm.pipeline import Run
 from asfm.sequence import Sequence
@@ -76,10 +77,15 @@ def test_matches_are_measured_by_what_truth_there_is(tank: SimulatedSequence) ->
     run = make_run(truth.world_from_vehicle, tank.sequence, *observe(tank))
     full = measure_cell(CELL, run, open_sequence(tank), None)
     assert full["matches"] == 160 and 0 <= full["precision"] <= 1 and 0 <= full["arc_inlier_ratio"] <= 1
+    assert 0 < full["match_coverage"] <= full["keypoint_coverage"] < 1 and full["track_purity"] is not None
+    quality = measure_matcher(run.keypoints, run.matches, run.reconstruction.tracks, tank.sequence, tank.read_truth)
+    assert quality.error is not None and full["range_bias_m"] == quality.error.range_bias_m
+    np.testing.assert_allclose(full["range_noise_bins"], quality.error.range_sigma_px / np.sqrt(2))
+    np.testing.assert_allclose(full["bearing_noise_beams"], quality.error.bearing_sigma_px / np.sqrt(2))
     assert "bound_ate_m" not in full and full["missing"] == "no draws of the noise: bound"
     poses_only = measure_cell(CELL, run, open_sequence(tank, with_truth=False), None)
     assert "precision" not in poses_only and poses_only["arc_inlier_ratio"] == full["arc_inlier_ratio"]
-    assert poses_only["missing"] == "no true elevations: precision, recall, noise and bound"
+    assert poses_only["missing"] == "no true elevations: precision, recall, noise, purity and bound"
     opened = open_sequence(tank, with_truth=False)
     bare = replace(opened, sequence=replace(opened.sequence, groundtruth=None))
     nothing = measure_cell(CELL, run, bare, None)

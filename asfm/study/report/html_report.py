@@ -38,7 +38,7 @@ def require_matplotlib() -> None:
     """
     if find_spec("matplotlib") is None:
         raise AsfmError(
-            "the figures of a study need matplotlib: install asfm with its extra, pip install 'asfm[study]'"
+            "the figures of a study need matplotlib: install asfm with its extra, pip install 'asfm[plots]'"
         )
 
 

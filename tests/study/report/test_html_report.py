@@ -94,5 +94,5 @@ def test_five_hundred_cells_are_a_small_page(folder: Path) -> None:
 def test_missing_matplotlib_is_said_before_any_work(monkeypatch: pytest.MonkeyPatch) -> None:
     require_matplotlib()
     monkeypatch.setattr("asfm.study.report.html_report.find_spec", lambda name: None)
-    with pytest.raises(AsfmError, match=r"pip install 'asfm\[study\]'"):
+    with pytest.raises(AsfmError, match=r"pip install 'asfm\[plots\]'"):
         require_matplotlib()
