@@ -28,6 +28,13 @@ def check_extra() -> None:
         raise AsfmError(f"learned matchers need {missing[0].replace('_', '-')}, which is not installed: {INSTALL}")
 
 
+def use_one_thread() -> None:
+    """Let PyTorch compute on one thread from now on, beside other processes that each have one."""
+    import torch
+
+    torch.set_num_threads(1)
+
+
 def find_weights(package: str, name: str) -> Path:
     """Return the file of weights of an installed package.
 

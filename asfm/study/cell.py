@@ -63,6 +63,8 @@ class External:
     features: Path | None = None
     matches: Path | None = None
     function: str | None = None
+    learned: bool = False
+    """Whether the name is that of a matcher of :mod:`asfm.learned`."""
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ A function takes two images (ranges, beams), float32 in 0..1, and returns the ke
 """
 
 from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -59,7 +60,8 @@ def match_by_function(matcher: External, opened: StudySequence, max_gap: int) ->
     Raises:
         AsfmError: the function cannot be loaded, raises, or returns what is no keypoints and matches.
     """
-    match, sequence = _load(matcher), opened.sequence
+    sequence = opened.sequence
+    match = _load(matcher) if not matcher.learned else _load_learned(matcher.name, sequence.sonar)
     positions: list[dict[tuple[float, float], int]] = [{} for _ in range(len(sequence))]
     images: dict[int, ImageArray] = {}
     matches = []
@@ -74,6 +76,16 @@ def match_by_function(matcher: External, opened: StudySequence, max_gap: int) ->
             pairs = np.unique(pairs, axis=0)
             matches.append(Matches(a, b, pairs.astype(np.int64), np.full(len(pairs), 0.5)))
     return ExternalMatches(tuple(_make_keypoints(found, sequence.sonar) for found in positions), tuple(matches))
+
+
+def _load_learned(name: str, sonar: SonarModel) -> Function:
+    """Return a learned matcher for the images of a sonar; its networks run on one thread, as all of a cell does."""
+    from asfm.learned.catalogue import find_learned_matcher
+    from asfm.learned.weights import use_one_thread
+
+    match = find_learned_matcher(name)
+    use_one_thread()
+    return partial(match, sonar=sonar)
 
 
 def _load(matcher: External) -> Function:

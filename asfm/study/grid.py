@@ -1,7 +1,8 @@
 """Grid of a study: its cells in their order, and an estimate of their time."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from importlib.metadata import version
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from asfm.config import Config, Filter
 from asfm.datasets import open_sequence
 from asfm.errors import AsfmError, quote, shorten
 from asfm.frontend.matching.external_matches import DESCRIPTOR_FILTERS
+from asfm.learned.weights import LIBRARIES, PACKAGES, check_extra
 from asfm.regular_file import check_file
 from asfm.study.cell import Cell, Corruption, External, Recording, Simulation
 from asfm.study.fingerprint import hash_content, hash_function, hash_path
@@ -19,6 +21,7 @@ from asfm.study.study_definition import (
     MAX_CELLS,
     CorruptionSettings,
     ExternalSettings,
+    LearnedMatcher,
     Mode,
     SimulationGrid,
     StudyDefinition,
@@ -52,6 +55,7 @@ def build_grid(study: StudyDefinition, folder: Path) -> list[Cell]:
         repeated = next(name for number, name in enumerate(names) if name in names[:number])
         raise AsfmError(f"expected sequences of different names, found {quote(repeated)} twice: rename a folder")
     external = [_open_external(folder, settings) for settings in study.external]
+    learned = _open_learned(study.learned)
     for settings in study.external:
         if settings.sequence is not None and settings.sequence not in names:
             known = ", ".join(names)
@@ -61,7 +65,7 @@ def build_grid(study: StudyDefinition, folder: Path) -> list[Cell]:
     _check_matched(study, recordings)
     cells = []
     for sequence, seed in product(sequences, study.seeds):
-        for cell in _list_matchers(study, external, sequence, seed):
+        for cell in _list_matchers(study, [*learned, *external], sequence, seed):
             cells.append(cell)
             if len(cells) > MAX_CELLS:
                 raise AsfmError(f"expected at most {MAX_CELLS} cells in a study, found more")
@@ -99,9 +103,10 @@ def _list_matchers(
 
     for detector, (chain, filters), end in product(study.detectors, study.filters.items(), ends):
         yield make(detector, chain, {"keypoints": {"detector": detector}, "matching": {"filters": filters}}, end)
-    for matcher, settings in zip(external, study.external, strict=True):
-        if matcher.function is None and (
-            isinstance(sequence, Simulation) or settings.sequence not in (None, sequence.name)
+    files_of = {settings.name: settings.sequence for settings in study.external if settings.function is None}
+    for matcher in external:
+        if matcher.name in files_of and (
+            isinstance(sequence, Simulation) or files_of[matcher.name] not in (None, sequence.name)
         ):
             continue
         for (chain, filters), end in product(_list_external_chains(study), ends):
@@ -187,6 +192,14 @@ def _list_simulations(grid: SimulationGrid | None, folder: Path) -> list[Simulat
         Simulation(scene, sonar, motion, scene_seed, grid.frames, hash_path(Path(sonar)) if ".json" in sonar else "")
         for scene, sonar, motion, scene_seed in product(grid.scenes, sonars, grid.motions, grid.scene_seeds)
     ]
+
+
+def _open_learned(names: Sequence[LearnedMatcher]) -> list[External]:
+    """Return the learned matchers, with the versions of their libraries and weights as fingerprint."""
+    if names:
+        check_extra()
+    installed = {name: version(name.replace("_", "-")) for name in (*LIBRARIES, *PACKAGES)} if names else {}
+    return [External(name, hash_content([name, installed]), learned=True) for name in names]
 
 
 def _open_external(folder: Path, settings: ExternalSettings) -> External:

