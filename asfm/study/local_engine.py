@@ -20,7 +20,7 @@ Report = Callable[[int, int, float], None]
 """Called as report(cells done, all cells, seconds left) after each cell."""
 RunTask = Callable[[CellTask, Path], None]
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
-PRELOADED = ["asfm.study.cell_run"]
+PRELOADED = ["asfm.study.cell_run", "pyarrow.parquet"]
 
 
 @dataclass
