@@ -142,10 +142,13 @@ def _solve(
 ) -> FloatArray:
     """Adjust the run's graph over ideal tracks, initialised at the true (N, 4, 4) poses and (T, 3) points.
 
+    Without odometry the motion prior is as wide as the true rotations, as the run widens its own at the end.
+
     Returns:
         (N, 4, 4) poses in the world of the run's initial poses.
     """
-    from asfm.backend.graph.bundle_adjustment import adjust_bundle  # loads GTSAM
+    from asfm.backend.ambiguity.motion_prior import widen_rotation_sigma  # loads GTSAM
+    from asfm.backend.graph.bundle_adjustment import adjust_bundle
     from asfm.backend.graph.problem import BundleProblem
     from asfm.backend.initialisation.initial_poses import initialise_from_odometry, initialise_from_tracks
 
@@ -153,12 +156,15 @@ def _solve(
     navigation = read_navigation(sequence, config.backend)
     initial = initialise_from_odometry(navigation, sequence)
     initial = initial or initialise_from_tracks(navigation, sequence, tracks, config, rng)
+    sensors = initial.sensors
+    if not sensors.measured and len(sensors.steps):
+        sensors = widen_rotation_sigma(sensors, world_from_vehicle)
     initial_from_true = initial.world_from_vehicle[0] @ invert(world_from_vehicle[0])
     problem = BundleProblem(
         tracks=tracks,
         observed=np.ones(len(tracks), dtype=bool),
         sigma=tracks.sigma,
-        sensors=initial.sensors,
+        sensors=sensors,
         vehicle_from_sonar=sequence.vehicle_from_sonar,
         half_aperture_rad=sequence.sonar.elevation_aperture_rad / 2,
     )

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from asfm.backend.ambiguity.motion_prior import estimate_step_sigma
 from asfm.backend.estimation.solution import solve_tracks
 from asfm.backend.graph import bundle_adjustment
+from asfm.backend.graph.problem import BundleProblem
 from asfm.backend.initialisation.initial_poses import initialise_from_odometry
 from asfm.config import BackendConfig, Config
 from asfm.errors import AsfmError
@@ -221,6 +223,23 @@ def test_sonar_alone_has_a_bound_too(scene: Scene) -> None:
     bound = bound_of(scene, scene.observe(SIGMA), config=alone)
     assert bound.ate_m > bound_of(scene, scene.observe(SIGMA)).ate_m
     assert bound.ate_m < ate_m(np.tile(np.eye(4), (FRAMES, 1, 1)), scene.world_from_vehicle)
+
+
+@pytest.mark.parametrize("alone", [True, False])
+def test_the_motion_prior_of_the_sonar_alone_is_as_wide_as_that_of_the_run(
+    scene: Scene, alone: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Truth that rotates much more than the planar odometry's prior expects; measured steps keep their sigmas."""
+    sigmas = []
+
+    def adjust(problem: BundleProblem, poses: FloatArray, *_: object) -> SimpleNamespace:
+        sigmas.append(problem.sensors.step_sigma[:, 0].min())
+        return SimpleNamespace(world_from_vehicle=poses)
+
+    monkeypatch.setattr(bundle_adjustment, "adjust_bundle", adjust)
+    bound_of(scene, scene.observe(SIGMA), config=Config(backend=BackendConfig(use_odometry=not alone)))
+    expected_rad = estimate_step_sigma(scene.world_from_vehicle)[0]
+    assert (min(sigmas) >= expected_rad * (1 - 1e-9)) == alone
 
 
 @pytest.mark.parametrize("chosen", [0, 1])
