@@ -120,7 +120,7 @@ def compare(
 @app.command()
 @takes_options(StudyOptions)
 def study(options: StudyOptions) -> None:
-    """Run a grid of reconstructions, and report how the quality of matches carries through to the pose error."""
+    """Run a grid of matchers and report their pose errors."""
     from asfm.commands.study_text import describe_plan, describe_study
 
     if options.dry_run:
