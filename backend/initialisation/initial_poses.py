@@ -35,6 +35,8 @@ from asfm.types import BoolArray, FloatArray, Tracks
 
 MIN_PRIOR_SIGMA = 1e-3
 """Smallest sigma of a step in the motion prior, in radians and in metres per metre of the sonar's range."""
+UNKNOWN_PRIOR_SIGMA = 0.5
+"""The same where no two frames share enough features: they may see different places."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +161,9 @@ def initialise_from_tracks(
     )
     max_range_m = float(sequence.sonar.range_edges_m[-1])
     typical = typical_steps(poses, supported[1:] & ~still)
-    typical = np.maximum(typical, [MIN_PRIOR_SIGMA, MIN_PRIOR_SIGMA * max_range_m])
+    known = supported[1:].any() or still.any()
+    smallest = MIN_PRIOR_SIGMA if known else UNKNOWN_PRIOR_SIGMA
+    typical = np.maximum(typical, [smallest, smallest * max_range_m])
     stationary = np.repeat(poses[:1], len(poses), axis=0)
     step_sigma = config.backend.motion_prior_factor * typical
     sensors = sensor_constraints(sequence, navigation, stationary, step_sigma, measured=False)

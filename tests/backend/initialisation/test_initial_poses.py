@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from asfm.backend.initialisation.initial_poses import (
+    UNKNOWN_PRIOR_SIGMA,
     InitialPoses,
     initialise_from_odometry,
     initialise_from_tracks,
@@ -277,7 +278,9 @@ def test_without_tracks_the_initial_poses_stay_at_the_first_reading() -> None:
         )
         level = level_pose(read_navigation(sequence, BackendConfig()).depth_attitude.z_roll_pitch[0])
         np.testing.assert_allclose(initial.world_from_vehicle, np.repeat(level[None], frame_count, axis=0), atol=1e-12)
-        assert np.all(initial.sensors.step_sigma > 0) and initial.sensors.step_sigma.shape == (frame_count - 1, 2)
+        sigma = Config().backend.motion_prior_factor * UNKNOWN_PRIOR_SIGMA
+        expected = [sigma, sigma * sequence.sonar.range_edges_m[-1]]
+        np.testing.assert_allclose(initial.sensors.step_sigma, np.tile(expected, (frame_count - 1, 1)))
 
 
 def _wait(poses: FloatArray, frames: int) -> FloatArray:
