@@ -5,9 +5,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from asfm import __version__
 from asfm.config import Config
-from asfm.study.fingerprint import hash_content
+from asfm.study.fingerprint import hash_content, hash_software
 from asfm.study.study_definition import Mode
 
 FRONTEND_SECTIONS = ("cfar", "clusters", "keypoints", "matching", "ssl", "localisation", "noise", "frames")
@@ -40,6 +39,8 @@ class Simulation:
     frames: int
     sonar_content: str = ""
     """Fingerprint of the sonar's file, if it has one."""
+    scene_content: str = ""
+    """Fingerprint of the mesh, if the scene is one."""
 
     @property
     def name(self) -> str:
@@ -105,7 +106,7 @@ class Cell:
         """Fingerprint of everything that the result depends on."""
         return hash_content(
             {
-                "asfm": __version__,
+                "software": hash_software(),
                 "sequence": self.sequence.describe(self.seed),
                 "config": self.config.model_dump(mode="json"),
                 "mode": self.mode,
@@ -119,7 +120,7 @@ class Cell:
     @cached_property
     def sequence_key(self) -> str:
         """Fingerprint of the images and sensors."""
-        return hash_content({"asfm": __version__, "sequence": self.sequence.describe(self.seed)})
+        return hash_content({"software": hash_software(), "sequence": self.sequence.describe(self.seed)})
 
     @cached_property
     def features_key(self) -> str:

@@ -1,21 +1,20 @@
 """Grid of a study: its cells in their order, and an estimate of their time."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from itertools import product
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
-from asfm.config import Config, Filter
+from asfm.config import Filter
 from asfm.datasets import open_sequence
-from asfm.errors import AsfmError, quote, shorten
+from asfm.errors import AsfmError, quote
 from asfm.frontend.matching.external_matches import DESCRIPTOR_FILTERS
 from asfm.learned.weights import LIBRARIES, PACKAGES, check_extra
 from asfm.regular_file import check_file
 from asfm.study.cell import Cell, Corruption, External, Recording, Simulation
+from asfm.study.cell_config import MODE_SETTINGS, Sections, corruption_sections, make_config
 from asfm.study.fingerprint import hash_content, hash_function, hash_path
 from asfm.study.study_definition import (
     MAX_CELLS,
@@ -29,13 +28,6 @@ from asfm.study.study_definition import (
 
 TRUE_MATCHES, NO_FILTERS = "true matches", "none"
 """Names of the matcher and of the filter chain of cells with corrupted true matches."""
-MODE_SETTINGS: dict[Mode, dict[str, bool]] = {
-    "sonar": {"use_odometry": False, "use_navigation": False},
-    "odometry": {"use_navigation": False},
-    "all": {},
-}
-"""Settings of the section ``backend`` in each sensor mode."""
-Sections = dict[str, dict[str, Any]]
 
 
 def build_grid(study: StudyDefinition, folder: Path) -> list[Cell]:
@@ -113,7 +105,7 @@ def _list_matchers(
             yield make(matcher.name, chain, {"matching": {"filters": filters}}, end, external=matcher)
     if study.corruption is not None and isinstance(sequence, Simulation):
         for corruption, end in product(list_corruptions(study.corruption), ends):
-            yield make(TRUE_MATCHES, NO_FILTERS, _corruption_sections(corruption), end, corruption=corruption)
+            yield make(TRUE_MATCHES, NO_FILTERS, corruption_sections(corruption), end, corruption=corruption)
 
 
 def _list_external_chains(study: StudyDefinition) -> list[tuple[str, tuple[Filter, ...]]]:
@@ -122,49 +114,6 @@ def _list_external_chains(study: StudyDefinition) -> list[tuple[str, tuple[Filte
     for name, filters in study.filters.items():
         found.setdefault(tuple(filter_name for filter_name in filters if filter_name not in DESCRIPTOR_FILTERS), name)
     return [(name, filters) for filters, name in found.items()]
-
-
-def _corruption_sections(corruption: Corruption) -> Sections:
-    """Return the settings for true matches: no filter, no alignment of patches, and the stated noise as the sigma.
-
-    White noise is independent along a track, which the default of the back-end does not assume.
-    """
-    return {
-        "backend": {"track_correlation": 0.0} if corruption.noise_kind == "white" else {},
-        "matching": {"filters": ()},
-        "localisation": {"radius_px": 0},
-        "noise": {
-            "range_bins": max(corruption.range_noise_bins, 0.05),
-            "bearing_beams": max(corruption.bearing_noise_beams, 0.05),
-            "min_bearing_deg": 0.0,
-            "estimated": False,
-        },
-    }
-
-
-def make_config(name: str, changes: dict[str, Any], own: Sections, seed: int) -> Config:
-    """Return the configuration of a cell: the defaults, then the study's changes, then what the cell's axes set.
-
-    Raises:
-        AsfmError: a setting is unknown or invalid.
-    """
-    merged: dict[str, Any] = {key: dict(value) if isinstance(value, dict) else value for key, value in changes.items()}
-    for section, values in own.items():
-        if isinstance(merged.get(section, {}), dict):
-            merged[section] = {**merged.get(section, {}), **values}
-    try:
-        return Config.model_validate({**merged, "seed": seed})
-    except ValidationError as error:
-        first = error.errors(include_url=False, include_context=False)[0]
-        key = quote(".".join(str(part) for part in first["loc"]))
-        if first["type"] == "extra_forbidden":
-            known = ", ".join(sorted(Config.model_fields if len(first["loc"]) == 1 else _fields_of(first["loc"][0])))
-            raise AsfmError(f"back-end {quote(name)}: unknown key {key}; known here: {known}") from None
-        raise AsfmError(f"back-end {quote(name)}: key {key}: {shorten(first['msg'], 200)}") from None
-
-
-def _fields_of(section: int | str) -> list[str]:
-    return list(type(getattr(Config(), str(section))).model_fields)
 
 
 def _open_recording(folder: Path, text: str) -> Recording:
@@ -176,22 +125,34 @@ def _open_recording(folder: Path, text: str) -> Recording:
 def _list_simulations(grid: SimulationGrid | None, folder: Path) -> list[Simulation]:
     if grid is None:
         return []
-    from asfm.simulation.scenes.catalogue import find_scene
+    from asfm.simulation.scenes.catalogue import SCENES, find_scene
     from asfm.simulation.simulate import find_sonar
     from asfm.simulation.vehicle.trajectories import find_motion
 
     sonars = [str((folder / sonar).resolve()) if sonar.endswith(".json") else sonar for sonar in grid.sonars]
+    scenes = [str((folder / scene).resolve()) if _is_file_name(scene, SCENES) else scene for scene in grid.scenes]
     for sonar in sonars:
         find_sonar(sonar)
-    for scene in grid.scenes:
+    for scene in scenes:
         find_scene(scene)
     for motion in grid.motions:
         if motion is not None:
             find_motion(motion)
+    contents = {sonar: hash_path(Path(sonar)) if sonar.endswith(".json") else "" for sonar in sonars}
+    meshes = {scene: "" if scene in SCENES else _hash_mesh(Path(scene)) for scene in scenes}
     return [
-        Simulation(scene, sonar, motion, scene_seed, grid.frames, hash_path(Path(sonar)) if ".json" in sonar else "")
-        for scene, sonar, motion, scene_seed in product(grid.scenes, sonars, grid.motions, grid.scene_seeds)
+        Simulation(scene, sonar, motion, scene_seed, grid.frames, contents[sonar], meshes[scene])
+        for scene, sonar, motion, scene_seed in product(scenes, sonars, grid.motions, grid.scene_seeds)
     ]
+
+
+def _hash_mesh(path: Path) -> str:
+    check_file(path, "a mesh")
+    return hash_path(path)
+
+
+def _is_file_name(scene: str, known: Collection[str]) -> bool:
+    return scene not in known and bool(Path(scene).suffix)
 
 
 def _open_learned(names: Sequence[LearnedMatcher]) -> list[External]:

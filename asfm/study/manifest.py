@@ -56,7 +56,7 @@ def open_study_folder(folder: Path, manifest: dict[str, Any]) -> None:
         found = read_json(path, "the manifest of a study")
         if not isinstance(found, dict) or found.get("study_id") != manifest["study_id"]:
             raise AsfmError(
-                f"{folder}: holds another study, or the same of other inputs or another asfm: choose another folder"
+                f"{folder}: holds another study, or the same of other inputs, asfm or libraries: choose another folder"
             )
         return
     if entries:

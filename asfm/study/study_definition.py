@@ -13,7 +13,7 @@ Mode = Literal["sonar", "odometry", "all"]
 """Sensors in use: the sonar alone, the sonar with odometry, or with odometry, depth and attitude."""
 Detector = Literal["akaze", "orb", "sift", "brisk"]
 LearnedMatcher = Literal["aliked_lightglue", "disk_lightglue", "xfeat"]
-Name = Annotated[str, Field(min_length=1, max_length=60)]
+Name = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f=@$\\`|<>][^\x00-\x1f\x7f$\\`|<>]{0,59}$")]
 Share = Annotated[float, Field(ge=0, le=1)]
 Seed = Annotated[int, Field(ge=0, lt=2**31)]
 MAX_CELLS = 20_000
@@ -113,8 +113,12 @@ class StudyDefinition(_Part):
     @field_validator("seeds", mode="before")
     @classmethod
     def _count_seeds(cls, value: Any) -> Any:
-        if isinstance(value, int) and not isinstance(value, bool) and value <= MAX_CELLS:
+        if isinstance(value, int) and not isinstance(value, bool):
+            if not 1 <= value <= MAX_CELLS:
+                raise ValueError(f"expected their number, 1 to {MAX_CELLS}, or a list of them")
             return tuple(range(value))
+        if value == []:
+            raise ValueError("expected one seed or more")
         return value
 
 

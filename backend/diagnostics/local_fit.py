@@ -24,7 +24,7 @@ STEP_FACTOR = 5.0
 ITERATIONS = 12
 OUTLIER_SIGMAS = 3.0
 MAX_RATIO = 1.38
-"""Of 35 simulated runs of a sonar alone, those with up to 2.8 times the bound's error reach 1.36, and one, at the bound,
+"""Of 35 simulated runs of a sonar alone, those with up to 2.8 times the bound's error reach 1.36, and one at the bound
 1.42; three of the four beyond 3 times reach 1.41 to 1.53, the fourth 1.18."""
 MAX_LOST_SHARE = 0.2
 """Observations that fit their window and not the whole, over all."""

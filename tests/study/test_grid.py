@@ -10,7 +10,7 @@ from asfm.config import Config
 from asfm.datasets.native.writer import write_native
 from asfm.errors import AsfmError
 from asfm.simulation.simulate import simulate
-from asfm.study.cell import Cell, Recording
+from asfm.study.cell import Cell, Recording, Simulation
 from asfm.study.grid import build_grid, list_corruptions
 from asfm.study.study_definition import CorruptionSettings, StudyDefinition
 
@@ -42,6 +42,45 @@ def test_cells_are_the_product_of_all_axes(tmp_path: Path) -> None:
     assert short.config.keypoints.detector == "orb" and short.config.matching.filters == ("mutual", "ssl")
     assert short.config.backend.rounds == 1 and not short.config.loops.enabled
     assert {cell.config.seed for cell in cells if cell.seed == 1} == {1}
+
+
+def test_a_mode_sets_its_sensors_whatever_the_back_end_says(tmp_path: Path) -> None:
+    for mode, expected in (("odometry", (True, False)), ("all", (True, True))):
+        (cell,) = grid(tmp_path, simulate=TANK, detectors=["akaze"], modes=[mode])
+        assert (cell.config.backend.use_odometry, cell.config.backend.use_navigation) == expected
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"seed": 3}, "'seed' is set by 'seeds' of the study"),
+        ({"keypoints": {"detector": "orb"}}, "'keypoints.detector' is set by 'detectors'"),
+        ({"matching": {"filters": []}}, "'matching.filters' is set by 'filters'"),
+        ({"backend": {"use_odometry": False}}, "'backend.use_odometry' is set by 'modes'"),
+        ({"noise": {"range_bins": 3}}, r"expected noise.estimated: false beside 'noise.range_bins'"),
+    ],
+)
+def test_changes_that_would_not_be_used_are_refused(tmp_path: Path, changes: Any, message: str) -> None:
+    with pytest.raises(AsfmError, match=message):
+        grid(tmp_path, simulate=TANK, detectors=["akaze"], backend={"mine": changes})
+
+
+def test_a_stated_noise_is_used(tmp_path: Path) -> None:
+    changes = {"noise": {"range_bins": 3, "estimated": False}}
+    (cell,) = grid(tmp_path, simulate=TANK, detectors=["akaze"], backend={"mine": changes})
+    assert cell.config.noise.range_bins == 3 and not cell.config.noise.estimated
+
+
+def test_meshes_are_beside_the_study_file_and_their_content_counts(tmp_path: Path) -> None:
+    ids = []
+    for corner in (0.0, 1.0):
+        (tmp_path / "m.obj").write_text(f"v {corner} 0 0\nv 1 1 0\nv 0 1 1\nf 1 2 3\n")
+        (cell,) = grid(tmp_path, simulate={**TANK, "scenes": ["m.obj"]}, detectors=["akaze"])
+        assert isinstance(cell.sequence, Simulation) and cell.sequence.scene == str(tmp_path / "m.obj")
+        ids.append((cell.id, cell.sequence_key))
+    assert ids[0][0] != ids[1][0] and ids[0][1] != ids[1][1]
+    with pytest.raises(AsfmError, match=r"nothere\.obj: expected a mesh"):
+        grid(tmp_path, simulate={**TANK, "scenes": ["nothere.obj"]}, detectors=["akaze"])
 
 
 def test_learned_matchers_are_external_ones_with_versions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

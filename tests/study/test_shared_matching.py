@@ -11,8 +11,8 @@ from asfm.pipeline import reconstruct
 from asfm.sequence import Sequence
 from asfm.simulation.simulate import simulate
 from asfm.study.cell import Cell, External, Simulation
+from asfm.study.cell_config import MODE_SETTINGS
 from asfm.study.feature_cache import StudyCache
-from asfm.study.grid import MODE_SETTINGS
 from asfm.study.shared_matching import KEYPOINTS, NOISE, list_requests, provide_matches
 from asfm.types import Frame
 

@@ -9,6 +9,8 @@ from asfm.errors import AsfmError
 from asfm.learned.catalogue import LEARNED_MATCHERS
 from asfm.study.study_definition import LearnedMatcher, read_study
 
+BAD_NAMES = ("'$x$'", "'=1+1'", '"a\\nb"', '"\\x07"', "'<b>'", "'a|b'", "''")
+"""A formula of LaTeX and one of a spreadsheet, control characters, and what tables and pages give a meaning to."""
 SCENES = "simulate: {scenes: [tank]}\n"
 
 
@@ -45,8 +47,10 @@ def test_learned_matchers_are_those_of_the_catalogue(tmp_path: Path) -> None:
         (SCENES + "learned: [xfeat, xfeat]\n", "expected each value of learned once, found 'xfeat' again"),
         ("detectors: [akaze]\n", "expected sequences, or scenes to simulate, found neither: the grid is empty"),
         ("sequences: [a]\ncorruption: {}\n", "corruption needs true points"),
-        (SCENES + "detectors: [akaze]\nseeds: []\n", "key 'seeds'.* at least 1 item"),
-        (SCENES + "detectors: [akaze]\nseeds: 0\n", "key 'seeds'.* at least 1 item"),
+        (SCENES + "detectors: [akaze]\nseeds: []\n", "key 'seeds'.* expected one seed or more"),
+        (SCENES + "detectors: [akaze]\nseeds: 0\n", "key 'seeds'.* expected their number, 1 to 20000, .*found 0"),
+        (SCENES + "detectors: [akaze]\nseeds: 100000\n", "expected their number, 1 to 20000, .*found 100000"),
+        *((SCENES + f"detectors: [akaze]\nfilters: {{{name}: []}}\n", "filters.*pattern") for name in BAD_NAMES),
         (SCENES + "detectors: [akaze, akaze]\n", "expected each value of detectors once, found 'akaze' again"),
         (SCENES + "corruption: {recall: [1, 0]}\n", "'corruption.recall.1'.*greater than 0, found 0"),
         (SCENES + "external: [{name: a}]\n", "expected either features and matches, or function"),
