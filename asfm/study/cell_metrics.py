@@ -7,13 +7,16 @@ import numpy as np
 from asfm.errors import AsfmError
 from asfm.evaluation.accuracy_bound import measure_bound
 from asfm.evaluation.evaluation_table import EvaluationTable
-from asfm.evaluation.matcher_quality import measure_matcher
+from asfm.evaluation.match_statistics import LocalisationError, PairStatistics, measure_pairs, pool_statistics
+from asfm.evaluation.matcher_quality import summarise_matcher, usable_truth
 from asfm.evaluation.mirror_image import ATE_RMSE_MIRRORED, add_mirror_image
 from asfm.evaluation.pose_error_table import ATE_OVER_PATH, ATE_RMSE, evaluate_sequence
+from asfm.geometry.sonar import SonarModel
 from asfm.pipeline import Run
 from asfm.sequence import Sequence
 from asfm.study.cell import Cell
 from asfm.study.match_corruption import CorruptedMatches
+from asfm.study.results_table import GAPS, gap_column
 from asfm.study.sequence_provider import StudySequence
 
 Values = dict[str, Any]
@@ -93,15 +96,33 @@ def _find(table: EvaluationTable, key: str) -> float | None:
 def _measure_matches(run: Run, opened: StudySequence) -> Values:
     """Return precision, recall, noise and purity by true elevations, and the share of matches on their elevation arcs.
 
-    The noise is that of one keypoint: the errors of correct matches hold that of two.
+    Precision, that share and the noise are also those of each frame gap of GAPS that occurs.
     """
-    quality = measure_matcher(
-        run.keypoints, run.matches, run.reconstruction.tracks, opened.sequence, opened.read_truth
-    ).as_dict()
-    values: Values = {name: quality[name] for name in MATCH_METRICS if quality[name] is not None}
-    for column, name in (("range_noise_bins", "range_sigma_px"), ("bearing_noise_beams", "bearing_sigma_px")):
-        sigma_px = quality[name]
-        values |= {column: sigma_px / float(np.sqrt(2.0))} if sigma_px is not None else {}
+    sequence, tracks = opened.sequence, run.reconstruction.tracks
+    read_truth = usable_truth(sequence, opened.read_truth)
+    pairs = measure_pairs(run.keypoints, run.matches, sequence, read_truth)
+    quality = summarise_matcher(pairs, run.keypoints, run.matches, tracks, sequence, read_truth)
+    by_name = quality.as_dict()
+    values: Values = {name: by_name[name] for name in MATCH_METRICS if by_name[name] is not None}
+    return values | _measure_noise(quality.error) | _measure_gaps(pairs, sequence.sonar)
+
+
+def _measure_noise(error: LocalisationError | None) -> Values:
+    """Return the noise of one keypoint: the errors of correct matches hold that of two."""
+    if error is None:
+        return {}
+    pixels = {"range_noise_bins": error.range_sigma_px, "bearing_noise_beams": error.bearing_sigma_px}
+    return {name: sigma_px / float(np.sqrt(2.0)) for name, sigma_px in pixels.items()}
+
+
+def _measure_gaps(pairs: list[PairStatistics], sonar: SonarModel) -> Values:
+    """Return the measures of the matches of each frame gap; what is unknown is left out."""
+    values: Values = {}
+    for gap in GAPS:
+        pooled = pool_statistics([pair for pair in pairs if pair.gap == gap], sonar)
+        own = {"precision": pooled.precision, "arc_inlier_ratio": pooled.arc_inlier_ratio}
+        own |= _measure_noise(pooled.error)
+        values |= {gap_column(name, gap): value for name, value in own.items() if value is not None}
     return values
 
 

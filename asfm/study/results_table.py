@@ -13,6 +13,17 @@ from asfm.results.output_file import write_file
 from asfm.study.cell import Cell, Simulation
 
 Row = dict[str, Any]
+GAPS = (1, 2, 4, 8)
+"""Frame gaps whose matches have columns of their own."""
+GAP_METRICS = ("precision", "arc_inlier_ratio", "range_noise_bins", "bearing_noise_beams")
+"""Measures of the matches of one frame gap; their columns are named by :func:`gap_column`."""
+
+
+def gap_column(metric: str, gap: int) -> str:
+    """Return the column of a measure of the matches of one frame gap, such as "precision_gap_4"."""
+    return f"{metric}_gap_{gap}"
+
+
 AXES: dict[str, type] = {
     "cell": str,
     "sequence": str,
@@ -47,6 +58,7 @@ METRICS: dict[str, type] = {
     "track_purity": float,
     "keypoint_coverage": float,
     "match_coverage": float,
+    **{gap_column(metric, gap): float for metric in GAP_METRICS for gap in GAPS},
     "ate_m": float,
     "mirror_aware": bool,
     "ate_as_it_is_m": float,
@@ -112,7 +124,7 @@ def read_rows(folder: Path, cells: Iterable[Cell]) -> list[Row]:
                 table = parquet.ParquetFile(path).read()
             except (OSError, pyarrow.ArrowException) as error:
                 raise AsfmError(f"{path}: cannot read: {error}; delete it, and its cell is run again") from None
-            rows += table.to_pylist()
+            rows += [dict.fromkeys(COLUMNS) | row for row in table.to_pylist()]
     return rows
 
 

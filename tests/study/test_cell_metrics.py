@@ -15,6 +15,7 @@ from asfm.sequence import Sequence
 from asfm.simulation.simulate import SimulatedSequence, simulate
 from asfm.study.cell import Cell, Simulation
 from asfm.study.cell_metrics import describe_failure, measure_cell
+from asfm.study.results_table import GAP_METRICS, GAPS, gap_column
 from asfm.study.sequence_provider import StudySequence
 from asfm.types import FloatArray, Keypoints, Landmarks, Matches, Reconstruction, Tracks, Trajectory
 from tests.worlds import make_keypoints
@@ -82,9 +83,15 @@ def test_matches_are_measured_by_what_truth_there_is(tank: SimulatedSequence) ->
     assert quality.error is not None and full["range_bias_m"] == quality.error.range_bias_m
     np.testing.assert_allclose(full["range_noise_bins"], quality.error.range_sigma_px / np.sqrt(2))
     np.testing.assert_allclose(full["bearing_noise_beams"], quality.error.bearing_sigma_px / np.sqrt(2))
+    for gap in GAPS:
+        for name in GAP_METRICS:
+            expected = full[name] if gap == 1 else None  # all are matched with the next frame
+            assert full.get(gap_column(name, gap)) == expected
     assert "bound_ate_m" not in full and full["missing"] == "no draws of the noise: bound"
     poses_only = measure_cell(CELL, run, open_sequence(tank, with_truth=False), None)
     assert "precision" not in poses_only and poses_only["arc_inlier_ratio"] == full["arc_inlier_ratio"]
+    assert "precision_gap_1" not in poses_only
+    assert poses_only["arc_inlier_ratio_gap_1"] == full["arc_inlier_ratio"]
     assert poses_only["missing"] == "no true elevations: precision, recall, noise, purity and bound"
     opened = open_sequence(tank, with_truth=False)
     bare = replace(opened, sequence=replace(opened.sequence, groundtruth=None))

@@ -48,6 +48,15 @@ def test_rows_are_read_in_the_order_of_the_cells(tmp_path: Path) -> None:
     assert (tmp_path / "results.parquet").stat().st_size > 0
 
 
+def test_rows_of_before_a_column_was_added_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    newer = dict(COLUMNS)
+    monkeypatch.delitem(COLUMNS, "precision_gap_8")
+    write_row(tmp_path / f"{CELL.id}.parquet", {**describe_axes(CELL), "precision_gap_4": 0.5})
+    monkeypatch.setitem(COLUMNS, "precision_gap_8", newer["precision_gap_8"])
+    (row,) = read_rows(tmp_path, [CELL])
+    assert row["precision_gap_4"] == 0.5 and row["precision_gap_8"] is None
+
+
 def test_a_damaged_row_says_what_to_do(tmp_path: Path) -> None:
     (tmp_path / f"{CELL.id}.parquet").write_bytes(b"PAR1 and no more")
     with pytest.raises(AsfmError, match=r"cannot read: .*delete it, and its cell is run again"):
