@@ -61,18 +61,24 @@ def evaluate_pair(
         matches: (M) of frames a and b.
         tolerance: largest errors of a correct match in range and bearing, both inclusive.
     """
-    a, b = matches.index[:, 0], matches.index[:, 1]
-    range_error_m = keypoints_b.range_m[b] - truth.range_m[a]
-    bearing_error_rad = wrap_angle(keypoints_b.bearing_rad[b] - truth.bearing_rad[a])
-    correct = _within(range_error_m, bearing_error_rad, tolerance) & truth.known[a]
+    range_error_m, bearing_error_rad = _find_errors(truth, keypoints_b, matches)
+    correct = find_correct(truth, keypoints_b, matches, tolerance)
     possible = _find_possible(truth, keypoints_b, tolerance)
     return MatchQuality(
         matches=len(matches),
         possible=int(possible.sum()),
-        recalled=len(np.unique(a[correct])),
+        recalled=len(np.unique(matches.index[correct, 0])),
         range_error_m=range_error_m[correct],
         bearing_error_rad=bearing_error_rad[correct],
     )
+
+
+def find_correct(
+    truth: TruePositions, keypoints_b: Keypoints, matches: Matches, tolerance: Tolerance = TRUTH_TOLERANCE
+) -> BoolArray:
+    """Return which of the (M,) matches of one frame pair are correct. See :func:`evaluate_pair`."""
+    within = _within(*_find_errors(truth, keypoints_b, matches), tolerance)
+    return np.asarray(within & truth.known[matches.index[:, 0]])
 
 
 def pool_pairs(qualities: abc.Iterable[MatchQuality]) -> MatchQuality:
@@ -170,6 +176,13 @@ def evaluate_by_arcs(
 
 def _frame_a(matches: Matches) -> int:
     return matches.frame_a
+
+
+def _find_errors(truth: TruePositions, keypoints_b: Keypoints, matches: Matches) -> tuple[FloatArray, FloatArray]:
+    """Return detected minus true range_m and bearing_rad (M,) of the second keypoints of matches."""
+    a, b = matches.index[:, 0], matches.index[:, 1]
+    range_error_m = keypoints_b.range_m[b] - truth.range_m[a]
+    return range_error_m, wrap_angle(keypoints_b.bearing_rad[b] - truth.bearing_rad[a])
 
 
 def _find_possible(truth: TruePositions, keypoints_b: Keypoints, tolerance: Tolerance) -> BoolArray:

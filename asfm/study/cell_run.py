@@ -15,6 +15,7 @@ from asfm.study.external_matching import provide_external
 from asfm.study.feature_cache import StudyCache
 from asfm.study.fingerprint import hash_content
 from asfm.study.match_corruption import CorruptedMatches, corrupt_matches
+from asfm.study.match_pictures import write_match_picture
 from asfm.study.results_table import describe_axes, write_row
 from asfm.study.sequence_provider import StudySequence, check_sensors, provide_sequence
 from asfm.study.shared_matching import MatchRequest, provide_matches
@@ -32,6 +33,8 @@ class CellTask:
 
     cell: Cell
     requests: tuple[MatchRequest, ...] = ()
+    illustrated: bool = False
+    """Whether a picture of its matches is made."""
 
 
 def run_cell(task: CellTask, folder: Path) -> None:
@@ -47,7 +50,7 @@ def run_cell(task: CellTask, folder: Path) -> None:
     begin_s = time.perf_counter()
     values: Values
     try:
-        values = _compute(task, StudyCache(folder / CACHE))
+        values = _compute(task, folder)
     except Exception as error:  # whatever it was, the other cells go on
         values = {"error": describe_failure(error)}
         if values["error"].startswith("defect"):
@@ -64,8 +67,8 @@ def _log(path: Path, text: str) -> None:
         return  # the row still has the error
 
 
-def _compute(task: CellTask, cache: StudyCache) -> Values:
-    cell, corrupted = task.cell, None
+def _compute(task: CellTask, folder: Path) -> Values:
+    cell, cache, corrupted = task.cell, StudyCache(folder / CACHE), None
     if cell.corruption is not None:
         opened = _open_with_true_tracks(cell, cache)
         check_sensors(opened.sequence, cell.mode)
@@ -83,6 +86,8 @@ def _compute(task: CellTask, cache: StudyCache) -> Values:
             begin_s = time.perf_counter()
             run = _reconstruct_by_detector(task, opened, cache)
     seconds = time.perf_counter() - begin_s
+    if task.illustrated:
+        write_match_picture(folder, cell, opened, run)
     return {**measure_cell(cell, run, opened, corrupted), "seconds": seconds}
 
 

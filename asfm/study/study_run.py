@@ -13,6 +13,7 @@ from asfm.study.cell_run import CELLS, CellTask, run_cell
 from asfm.study.grid import build_grid
 from asfm.study.local_engine import Report, RunTask, run_tasks
 from asfm.study.manifest import make_folder, make_manifest, open_study_folder
+from asfm.study.match_pictures import choose_illustrated
 from asfm.study.results_table import Row, read_rows, write_results
 from asfm.study.shared_matching import list_requests
 from asfm.study.study_definition import StudyDefinition, read_study
@@ -86,7 +87,8 @@ def compute_cells(
         open_study_folder(folder, make_manifest(study, cells))
         pending = _find_pending(folder / CELLS, cells, settings.retry_failed)
         requests = list_requests(cells)
-        tasks = [CellTask(cell, requests.get(cell.features_key, ())) for cell in pending]
+        illustrated = choose_illustrated(cells)
+        tasks = [CellTask(cell, requests.get(cell.features_key, ()), cell.id in illustrated) for cell in pending]
         if tasks:
             run_tasks(tasks, folder, settings.jobs, run, report)
         rows = read_rows(folder / CELLS, cells)
