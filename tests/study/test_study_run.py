@@ -14,6 +14,7 @@ from asfm.cli import run_command_line
 from asfm.commands import run_study
 from asfm.errors import AsfmError
 from asfm.folder_lock import lock_folder
+from asfm.study.match_pictures import PICTURES
 from asfm.study.study_run import RunSettings, compute_cells, load_grid
 from tests.study.conftest import run_asfm
 
@@ -58,6 +59,22 @@ def test_every_cell_has_its_row_in_the_order_of_the_grid(study_folder: Path) -> 
     assert not list((study_folder / "results").glob("logs/*")), "a matcher that raises is no defect of asfm"
 
 
+def read_pictures(results: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in (results / PICTURES).glob("[!.]*")}
+
+
+def test_every_matcher_and_chain_has_a_picture_of_seed_0_in_the_report(study_folder: Path) -> None:
+    results = study_folder / "results"
+    rows = [row for row in read_table(results) if not row["error"] and not row["wrong_share"] and row["seed"] == "0"]
+    pictures = read_pictures(results)
+    (image,) = (name for name in pictures if name.endswith(".jpg"))
+    assert {f"{row['cell']}.json" for row in rows} == set(pictures) - {image} and len(rows) == 4
+    page = (results / "report.html").read_text()
+    assert page.count("frames 0 and 3</figcaption>") == 4, "also that of a chain without a match between these"
+    assert page.count("data:image/jpeg;base64,") == 1, "the image is shared"
+    assert all(float(row["precision_gap_2"]) > 0 and not row["precision_gap_8"] for row in rows)
+
+
 def test_features_are_computed_once_for_all_chains(study_folder: Path) -> None:
     cache = study_folder / "results" / "cache"
     count = {kind.name: len([entry for entry in kind.iterdir() if entry.is_dir()]) for kind in cache.iterdir()}
@@ -83,6 +100,7 @@ def test_a_study_killed_in_the_middle_goes_on_where_it_was(study_folder: Path, t
     assert {name: after[name] for name in finished} == finished, "no finished cell is computed twice"
     assert len(after) == 16 and not list(cells.glob(".*"))
     assert without_seconds(tmp_path / "results") == without_seconds(study_folder / "results")
+    assert read_pictures(tmp_path / "results") == read_pictures(study_folder / "results")
 
 
 def test_a_finished_study_is_not_computed_again(study_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,10 +7,13 @@ from typing import Any
 import numpy as np
 
 from asfm.study.report.figure_style import LINES, MARKERS, MODES, Figure, add_legend, colour_of, make_axes
-from asfm.study.report.statistics import Interval, seed_interval
+from asfm.study.report.hover_titles import title_points
+from asfm.study.report.statistics import Interval, describe_sample, seed_interval
 from asfm.study.report.summary_table import DIALS
 from asfm.study.results_table import Row
 
+MAX_POINTS = 8
+"""Most real matchers and filter chains with a point each; beyond, the filter chains of a matcher share one."""
 DIAL_NAMES = {
     "wrong_share": "share of wrong matches",
     "wrong_kind": "kind of wrong matches",
@@ -69,7 +72,9 @@ def draw_dial(corrupted: Sequence[Row], real: Sequence[Row], dial: str) -> Figur
     _label_values(axes[-1], dial, place)
     add_legend(drawing, axes[0])
     title = f"Pose error over the {DIAL_NAMES[dial]}"
-    return Figure(f"dial_{dial}", title, _describe(dial, first), drawing)
+    return Figure(
+        f"dial_{dial}", title, f"{_describe(dial, first, _has_many(real))} {describe_sample(chosen)}", drawing
+    )
 
 
 def _label_values(axis: Any, dial: str, place: dict[Any, float]) -> None:
@@ -82,7 +87,7 @@ def _label_values(axis: Any, dial: str, place: dict[Any, float]) -> None:
         axis.set_xticks(list(place.values()), ["no limit" if value is None else f"{value}" for value in place])
 
 
-def _describe(dial: str, first: dict[str, Any]) -> str:
+def _describe(dial: str, first: dict[str, Any], many: bool) -> str:
     """Say what the curve over a dial shows, and the ``first`` values of the dials, which the others have."""
     others = ", ".join(f"{DIAL_NAMES[name]} {_show(value)}" for name, value in first.items() if name != dial)
     text = (
@@ -92,7 +97,12 @@ def _describe(dial: str, first: dict[str, Any]) -> str:
         "observations at ideal places with true associations, computed for every cell."
     )
     if dial == "wrong_share":
-        text += " Points are real matchers, at one minus their precision: means over the cells of a matcher and mode."
+        over = (
+            "the cells of a matcher and mode, whatever the filters"
+            if many
+            else "the cells of a matcher, filters and mode"
+        )
+        text += f" Points are real matchers, at one minus their precision: means over {over}."
     return text
 
 
@@ -100,9 +110,10 @@ def _draw_band(axis: Any, curve: Sequence[tuple[float, Interval]], mode: str, nu
     if not curve:
         return
     x, colour = [place for place, _ in curve], colour_of(number)
-    axis.plot(
-        x, [one.mean for _, one in curve], LINES[mode], color=colour, marker=MARKERS[mode], ms=4, label=MODES[mode]
-    )
+    means = [one.mean for _, one in curve]
+    (line,) = axis.plot(x, means, LINES[mode], color=colour, marker=MARKERS[mode], ms=4, label=MODES[mode])
+    values = [f"mean {one.mean:.3g}\n95 %: {one.low:.3g} to {one.high:.3g}" for _, one in curve]
+    title_points(line, [f"{MODES[mode]}\n{text}" for text in values])
     axis.fill_between(x, [one.low for _, one in curve], [one.high for _, one in curve], color=colour, alpha=0.18, lw=0)
 
 
@@ -115,14 +126,24 @@ def _find_top(axis: Any) -> float | None:
 
 def _add_real_matchers(axis: Any, rows: Sequence[Row], column: str) -> None:
     """Add real matchers to the curve over wrong matches, in the colours of the modes."""
-    groups: dict[tuple[str, str, str], list[Row]] = {}
-    for row in rows:
-        if row["precision"] is not None and row[column] is not None:
-            groups.setdefault((row["detector"], row["filters"], row["mode"]), []).append(row)
-    for (_, _, mode), own in groups.items():
+    known = [row for row in rows if row["precision"] is not None and row[column] is not None]
+    groups: dict[tuple[str, str], list[Row]] = {}
+    for row in known:
+        groups.setdefault((_name_point(row, _has_many(rows)), row["mode"]), []).append(row)
+    for (name, mode), own in groups.items():
         x, y = 1 - np.mean([row["precision"] for row in own]), np.mean([row[column] for row in own])
         style = {"color": colour_of(list(MODES).index(mode)), "marker": MARKERS[mode], "edgecolors": "black"}
-        axis.scatter([x], [y], 14, linewidths=0.5, **style)
+        points = axis.scatter([x], [y], 20, linewidths=0.5, **style)
+        title_points(points, [f"{name}, {MODES[mode]}\nprecision {1 - x:.3g}\n{column} {y:.3g}"])
+
+
+def _has_many(rows: Sequence[Row]) -> bool:
+    """Return whether matchers and filter chains are too many for a point each."""
+    return len({(row["detector"], row["filters"]) for row in rows}) > MAX_POINTS
+
+
+def _name_point(row: Row, many: bool) -> str:
+    return row["detector"] if many else f"{row['detector']} {row['filters']}"
 
 
 def _place_values(values: Sequence[Any]) -> dict[Any, float]:

@@ -6,6 +6,7 @@ the geometric mean over its seeds: a single run's is as much luck as quality. Th
 which were left out of the fit (leave-one-scene-out cross-validation).
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,7 +20,8 @@ FEATURES = ("wrong matches", "log recall", "noise", "log track length")
 MEASURES = ("precision", "recall", "range_noise_bins", "bearing_noise_beams", "track_length", "ate_over_bound")
 RIDGE = 1e-2
 """Penalty on the standardised coefficients, a share of the number of settings."""
-MIN_SETTINGS = 8
+MIN_SETTINGS = 7
+"""Fewest settings of a mode; five coefficients are fitted to them."""
 FAILURE = 0.25
 """Median relative error beyond which the law is said to fail."""
 MAX_LISTED = 5
@@ -65,14 +67,25 @@ class ErrorLaw:
         for mode, values in self.coefficients.items():
             terms = [f"{value:+.2f} x {name}" for value, name in zip(values[1:], FEATURES, strict=True)]
             lines.append(f"{mode}: log(ATE / bound) = {values[0]:.2f} {' '.join(terms)}")
+        return [*lines, *self.describe_errors()]
+
+    def describe_errors(self) -> list[str]:
+        """Return the cross-validated error, what the law was fitted to and where it fails, a line each."""
         if self.median_error is None:
-            return [*lines, "not cross-validated: that needs two scenes or more"]
+            return [self._describe_ranges(), "not cross-validated: that needs two scenes or more"]
         count = int(np.isfinite(self.predicted).sum())
         error = 100 * self.median_error
-        lines.append(
-            f"of {count} settings in scenes that were left out: ATE / bound within {error:.0f} % in the median"
-        )
-        return [*lines, *self._list_failures()]
+        within = f"of {count} settings in scenes that were left out: ATE / bound within {error:.0f} % in the median"
+        return [within, self._describe_ranges(), *self._list_failures()]
+
+    def _describe_ranges(self) -> str:
+        """Say which matches the law was fitted to."""
+        values = np.array([setting.features for setting in self.settings])
+        values[:, [1, 3]] = np.exp(values[:, [1, 3]])
+        low, high = values.min(axis=0), values.max(axis=0)
+        names = ("wrong matches", "recall", "noise", "track length")
+        spans = [f"{name} {a:.2g} to {b:.2g}" for name, a, b in zip(names, low, high, strict=True)]
+        return f"fitted to {', '.join(spans)}: it says nothing of matches outside of these"
 
     def _list_failures(self) -> list[str]:
         """Name the modes, scenes and matchers whose median error is large, and the worst settings."""
@@ -94,9 +107,15 @@ class ErrorLaw:
 
 
 def fit_law(rows: Sequence[Row]) -> ErrorLaw | None:
-    """Fit the law to the cells of a study; None where there are too few with all that it needs."""
+    """Fit the law to the cells of a study; modes with fewer than MIN_SETTINGS settings are left out.
+
+    Returns:
+        The law; None where no mode has enough of them with all that it needs.
+    """
     settings = collect_settings(rows)
-    if len(settings) < MIN_SETTINGS:
+    counts = Counter(setting.mode for setting in settings)
+    settings = [setting for setting in settings if counts[setting.mode] >= MIN_SETTINGS]
+    if not settings:
         return None
     coefficients, predicted = {}, np.full(len(settings), np.nan)
     for mode in dict.fromkeys(setting.mode for setting in settings):
@@ -104,7 +123,7 @@ def fit_law(rows: Sequence[Row]) -> ErrorLaw | None:
         coefficients[mode] = _fit([settings[number] for number in own])
         for number in own:
             others = [settings[other] for other in own if settings[other].scene != settings[number].scene]
-            if others:
+            if len(others) >= MIN_SETTINGS:
                 predicted[number] = _design([settings[number]])[0] @ _fit(others)
     return ErrorLaw(tuple(settings), coefficients, predicted)
 

@@ -1,6 +1,6 @@
 """Style of a study's figures: size, colours, markers, logarithmic axes and legends."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,8 @@ MARKERS = {"sonar": "o", "odometry": "s", "all": "^"}
 LINES = {"sonar": "-", "odometry": "--", "all": ":"}
 FEW_DECADES = 100.0
 """Ratio of the ends of a logarithmic axis beyond which only powers of ten are named."""
+NARROW = 6.0
+"""Ratio below which ticks are evenly spaced in the values, as 1, 2 and 5 would be too few."""
 MODES = {"sonar": "sonar alone", "odometry": "with odometry", "all": "all sensors"}
 
 
@@ -42,13 +44,17 @@ def make_axes(height_in: float, count: int = 1) -> tuple[Any, list[Any]]:
 
 def use_log_scale(axis: Any, label: str, which: str = "y") -> None:
     """Give an axis, x or y, a logarithmic scale with plain numbers, and its label."""
-    from matplotlib.ticker import FuncFormatter, LogLocator
+    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
     getattr(axis, f"set_{which}scale")("log")
     getattr(axis, f"set_{which}label")(label)
     own = getattr(axis, f"{which}axis")
     low, high = own.get_view_interval()
-    own.set_major_locator(LogLocator(subs=(1, 2, 5) if high < FEW_DECADES * low else (1,)))
+    if high < NARROW * low:
+        own.set_major_locator(MaxNLocator(5))
+        own.set_minor_locator(NullLocator())
+    else:
+        own.set_major_locator(LogLocator(subs=(1, 2, 5) if high < FEW_DECADES * low else (1,)))
     own.set_major_formatter(FuncFormatter(_format_tick))
     own.set_minor_formatter(FuncFormatter(_format_nothing))
 
@@ -64,13 +70,13 @@ def _format_nothing(_value: float, _number: int) -> str:
 def add_legend(drawing: Any, axis: Any) -> None:
     """Add the legend of an axis below the figure."""
     handles, labels = axis.get_legend_handles_labels()
-    drawing.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False, fontsize=8)
+    drawing.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False, fontsize=8, markerscale=1.3)
 
 
-def add_legend_of_colours(drawing: Any, axis: Any, names: Sequence[str]) -> None:
-    """Name the colours of many matchers; the text names the markers."""
-    for number, name in enumerate(names):
-        axis.scatter([], [], 16, color=colour_of(number), marker="o", label=name)
+def add_legend_of_colours(drawing: Any, axis: Any, colours: Mapping[str, str]) -> None:
+    """Name the colours of many matchers, by their names; the text names the markers."""
+    for name, colour in colours.items():
+        axis.scatter([], [], 16, color=colour, marker="o", label=name)
     add_legend(drawing, axis)
 
 

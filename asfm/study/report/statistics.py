@@ -46,3 +46,11 @@ def seed_interval(rows: Sequence[Row], name: str, geometric: bool = False) -> In
         half = float(t.ppf(0.5 + CONFIDENCE / 2, len(values) - 1) * values.std(ddof=1) / np.sqrt(len(values)))
     ends = (values.mean(), values.mean() - half, values.mean() + half)
     return Interval(*(float(np.exp(end)) if geometric else float(end) for end in ends))
+
+
+def describe_sample(rows: Sequence[Row]) -> str:
+    """Return the numbers of cells, sequences and seeds that a figure is made from, as a sentence."""
+    sequences, seeds = (len({row[name] for row in rows}) for name in ("sequence", "seed"))
+    counts = ((len(rows), "cell"), (sequences, "sequence"), (seeds, "seed"))
+    named = (f"{number} {name}" if number == 1 else f"{number} {name}s" for number, name in counts)
+    return f"n: {', '.join(named)}."

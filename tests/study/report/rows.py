@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from asfm.study.results_table import COLUMNS, Row
+from asfm.study.results_table import COLUMNS, GAPS, Row, gap_column
 
 
 def make_row(**values: Any) -> Row:
@@ -31,7 +31,16 @@ def _iterate(scenes: int, seeds: int, noise: float, rng: np.random.Generator) ->
             found = _measure(1 - wrong, recall, noise, rng)
             yield make_row(**place, detector="true matches", filters="none", **dials, **found)
         for detector, precision in (("akaze", 0.95), ("orb", 0.85)):
-            yield make_row(**place, detector=detector, **_measure(precision, 0.5, noise, rng))
+            yield make_row(
+                **place, detector=detector, **_measure(precision, 0.5, noise, rng), **_measure_gaps(precision)
+            )
+
+
+def _measure_gaps(precision: float) -> Row:
+    """Return precision that falls by 0.01 a frame, and noise that grows by 0.1 bins and 0.05 beams a frame."""
+    row = {gap_column("precision", gap): precision - 0.01 * gap for gap in GAPS}
+    row |= {gap_column("range_noise_bins", gap): 0.5 + 0.1 * gap for gap in GAPS}
+    return row | {gap_column("bearing_noise_beams", gap): 0.4 + 0.05 * gap for gap in GAPS}
 
 
 def _measure(precision: float, recall: float, noise: float, rng: np.random.Generator) -> Row:

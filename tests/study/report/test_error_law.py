@@ -16,6 +16,8 @@ def test_the_law_of_a_made_up_study_is_recovered() -> None:
     assert law.median_error is not None and law.median_error < 0.03
     assert law.describe()[-1] == "no mode, scene or matcher has a median error above 25 %"
     assert "of 42 settings in scenes that were left out: ATE / bound within" in law.describe()[2]
+    fitted = "fitted to wrong matches 0 to 0.3, recall 0.25 to 1, noise 0.5 to 0.5, track length 5 to 5"
+    assert law.describe()[3].startswith(fitted)
 
 
 def test_cells_of_different_seeds_are_one_setting() -> None:
@@ -47,4 +49,7 @@ def test_one_scene_is_not_cross_validated_and_few_settings_have_no_law() -> None
     assert law is not None and law.median_error is None and np.isnan(law.predicted).all()
     assert law.describe()[-1] == "not cross-validated: that needs two scenes or more"
     assert fit_law(make_rows()[:5]) is None
+    few = [row for row in make_rows() if row["mode"] == "all" or row["detector"] == "orb"]
+    law = fit_law(few)
+    assert law is not None and set(law.coefficients) == {"all"}, "three settings are too few for five coefficients"
     assert fit_law([make_row(ate_over_bound=1.0, precision=None) for _ in range(20)]) is None

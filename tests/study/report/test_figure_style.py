@@ -22,5 +22,5 @@ def test_logarithmic_axes_have_plain_numbers(high: float, expected: list[str]) -
 def test_colours_begin_again_and_a_legend_names_them() -> None:
     assert colour_of(len(COLOURS)) == colour_of(0) != colour_of(1)
     drawing, (axis,) = make_axes(3.0)
-    add_legend_of_colours(drawing, axis, ["one", "two"])
+    add_legend_of_colours(drawing, axis, {"one": "#ff0000", "two": "#00ff00"})
     assert [text.get_text() for text in drawing.legends[0].get_texts()] == ["one", "two"]

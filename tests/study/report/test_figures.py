@@ -11,7 +11,14 @@ from tests.study.report.rows import make_row, make_rows
 def test_all_figures_of_a_full_study_are_drawn() -> None:
     rows = make_rows()
     figures = {figure.name: figure for figure in draw_figures(rows, fit_law(rows))}
-    assert list(figures) == ["precision_against_ate", "matchers", "dial_wrong_share", "dial_stated_recall", "law"]
+    assert list(figures) == [
+        "precision_against_ate",
+        "matchers",
+        "gaps",
+        "dial_wrong_share",
+        "dial_stated_recall",
+        "law",
+    ]
     for figure in figures.values():
         assert len(figure.text) > 100 and figure.title
     axis = figures["precision_against_ate"].drawing.axes[0]
@@ -21,6 +28,14 @@ def test_all_figures_of_a_full_study_are_drawn() -> None:
     np.testing.assert_allclose(sorted(map(tuple, drawn.tolist())), expected)
     colours = {tuple(points.get_facecolor()[0][:3]) for points in axis.collections}
     assert len(colours) == 3, "a colour a matcher"
+
+
+def test_matchers_stay_in_the_order_of_the_grid_and_every_mode_is_named() -> None:
+    rows = [make_row(detector=name, mode=mode, ate_over_bound=1.0) for name in "abc" for mode in ("sonar", "all")]
+    rows[0] |= {"ate_over_bound": None, "error": "failed"}
+    axis = {figure.name: figure for figure in draw_figures(rows, None)}["matchers"].drawing.axes[0]
+    assert [text.get_text() for text in axis.get_yticklabels()] == ["a all", "b all", "c all"]
+    assert sorted(axis.get_legend_handles_labels()[1]) == ["all sensors", "sonar alone"]
 
 
 def test_the_law_is_drawn_over_what_was_measured() -> None:
