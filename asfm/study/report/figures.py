@@ -67,12 +67,13 @@ def _draw_precision(rows: Sequence[Row], error: str) -> Figure | None:
     names = list(dict.fromkeys(row["detector"] for row in sorted(known, key=_is_corrupted)))
     colours = {name: colour_of(number) for number, name in enumerate(names)}
     colours |= {row["detector"]: TRUE_MATCHES for row in known if _is_corrupted(row)}
-    for name, mode in ((name, mode) for name in reversed(names) for mode in MODES):  # true matches lie below
+    for name, mode in ((name, mode) for name in names for mode in MODES):
         own = [row for row in known if row["detector"] == name and row["mode"] == mode]
         if own:
             x, y = ([row[column] for row in own] for column in (quality, error))
             label = f"{name}, {MODES[mode]}" if len(names) * len({row["mode"] for row in known}) <= 12 else None
             style = {"color": colours[name], "marker": MARKERS[mode], "alpha": 0.6, "linewidths": 0}
+            style["zorder"] = 1.5 if _is_corrupted(own[0]) else 2  # true matches lie below
             title_points(axis.scatter(x, y, 24, label=label, **style), [describe_cell(row) for row in own])
     axis.set(xlabel="precision of the matches" if quality == "precision" else "share on the elevation arc")
     axis.locator_params(axis="x", nbins=5)
