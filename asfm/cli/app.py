@@ -129,10 +129,12 @@ def study(options: StudyOptions) -> None:
         print_lines(describe_plan(plan_study(options.study)))
         return
     from asfm.commands import run_study
+    from asfm.commands.study import require_success
 
     with show_countdown("study") as report:
         summary = run_study(options.study, options.output, options.jobs, options.retry_failed, report)
     print_lines(describe_study(summary))
+    require_success(summary)
 
 
 @app.command()

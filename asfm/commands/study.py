@@ -3,12 +3,15 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from asfm.datasets import open_sequence
 from asfm.errors import AsfmError
+from asfm.study.cell import Cell, Recording
 from asfm.study.local_engine import Report
 from asfm.study.report.error_law import ErrorLaw, fit_law
 from asfm.study.report.html_report import require_matplotlib, write_report
 from asfm.study.report.summary_table import SummaryRow, summarise_rows
 from asfm.study.results_table import Row
+from asfm.study.sequence_provider import check_sensors
 from asfm.study.study_definition import StudyDefinition
 from asfm.study.study_run import RunSettings, compute_cells, load_grid, no_report
 from asfm.study.time_estimate import Estimate, estimate_time
@@ -22,6 +25,8 @@ class StudyPlan:
     estimate: Estimate
     functions: tuple[str, ...]
     """Entry points of external matchers, code that would be run."""
+    failing: tuple[str, ...] = ()
+    """Why cells would fail: recordings without the sensors of a mode."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +51,31 @@ def plan_study(path: Path) -> StudyPlan:
     """
     study, cells = load_grid(path)
     functions = tuple(matcher.function for matcher in study.external if matcher.function is not None)
-    return StudyPlan(study, estimate_time(cells), functions)
+    return StudyPlan(study, estimate_time(cells), functions, _list_missing_sensors(study, cells))
+
+
+def _list_missing_sensors(study: StudyDefinition, cells: list[Cell]) -> tuple[str, ...]:
+    """Return a line for each recording and mode whose sensors the recording lacks."""
+    found = []
+    for recording in dict.fromkeys(cell.sequence for cell in cells if isinstance(cell.sequence, Recording)):
+        sequence = open_sequence(recording.path)
+        for mode in study.modes:
+            try:
+                check_sensors(sequence, mode)
+            except AsfmError as error:
+                found.append(str(error))
+    return tuple(found)
+
+
+def require_success(summary: StudySummary) -> None:
+    """Check that not all cells of a study failed.
+
+    Raises:
+        AsfmError: they did; the message has the error of the first one.
+    """
+    errors = [row["error"] for row in summary.rows]
+    if all(errors):
+        raise AsfmError(f"all {len(errors)} cells of the study failed, the first one with: {errors[0]}")
 
 
 def run_study(

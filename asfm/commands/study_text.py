@@ -2,7 +2,7 @@
 
 from asfm.commands.study import StudyPlan, StudySummary
 from asfm.commands.text import align
-from asfm.study.report.summary_table import COLUMNS, format_summary
+from asfm.study.report.summary_table import COLUMNS, format_summary, note_unequal_cells
 
 MAX_ERRORS = 5
 """Failed cells that are named; all of them are in the tables."""
@@ -18,7 +18,8 @@ def describe_plan(plan: StudyPlan) -> list[str]:
         axes += [("motions", [motion or "the scene's own" for motion in simulated.motions])]
         axes += [("scene seeds", [str(seed) for seed in simulated.scene_seeds]), ("frames", [str(simulated.frames)])]
     axes += [("seeds", [str(seed) for seed in study.seeds]), ("modes", list(study.modes))]
-    axes += [("detectors", list(study.detectors)), ("external", [matcher.name for matcher in study.external])]
+    axes += [("detectors", list(study.detectors)), ("learned", list(study.learned))]
+    axes += [("external", [matcher.name for matcher in study.external])]
     axes += [("filters", [f"{name} ({', '.join(chain)})" for name, chain in study.filters.items()])]
     axes += [("back-ends", list(study.backend))]
     if study.corruption is not None:
@@ -26,16 +27,21 @@ def describe_plan(plan: StudyPlan) -> list[str]:
             if isinstance(values, tuple):
                 axes.append((f"corruption, {name}", [str(value) for value in values]))
     lines = align([(name, ", ".join(values)) for name, values in axes if values])
-    passes = f"{estimate.sequences} sequences, {estimate.features} passes of a front-end"
-    lines.append(f"{estimate.cells} cells, {passes}; about {_format_hours(estimate.hours)} on one core")
+    passes = f"{_count(estimate.sequences, 'sequence')}, front-end passes: {estimate.features}"
+    lines.append(f"{_count(estimate.cells, 'cell')}, {passes}; about {_format_hours(estimate.hours)} on one core")
     return [
         *lines,
+        *(f"cells that would fail: {reason}" for reason in plan.failing),
         *(f"external matcher: the Python function {name} is code, and it would be run" for name in plan.functions),
     ]
 
 
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+
+
 def _format_hours(hours: float) -> str:
-    return f"{hours:.1f} hours" if hours >= 1 else f"{max(60 * hours, 1):.0f} minutes"
+    return f"{hours:.1f} hours" if hours >= 1 else _count(max(round(60 * hours), 1), "minute")
 
 
 def describe_study(summary: StudySummary) -> list[str]:
@@ -46,10 +52,11 @@ def describe_study(summary: StudySummary) -> list[str]:
         texts = {heading for heading, form in COLUMNS.values() if not form}
         numbers = [column for column, heading in enumerate(headings) if heading not in texts]
         lines += align([headings, *cells], numbers)
+    lines += [f"note: {note}"] if (note := note_unequal_cells(summary.rows)) else []
     lines += [] if summary.law is None else ["", *summary.law.describe()]
     failed = [row for row in summary.rows if row["error"]]
     for row in failed[:MAX_ERRORS]:
         where = ", ".join(str(row[name]) for name in ("sequence", "detector", "filters", "mode"))
         lines.append(f"failed: {where}, seed {row['seed']}: {row['error']}")
-    count = f"{len(summary.rows)} cells, {summary.computed} computed now, {len(failed)} failed"
+    count = f"{_count(len(summary.rows), 'cell')}, {summary.computed} computed now, {len(failed)} failed"
     return [*lines, count, f"report: {summary.folder / 'report.html'}"]

@@ -1,5 +1,6 @@
 """Metrics of a cell: quality of its matches and of its poses, against as much truth as its sequence has."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,8 @@ from asfm.evaluation.accuracy_bound import measure_bound
 from asfm.evaluation.evaluation_table import EvaluationTable
 from asfm.evaluation.match_statistics import LocalisationError, PairStatistics, measure_pairs, pool_statistics
 from asfm.evaluation.matcher_quality import summarise_matcher, usable_truth
-from asfm.evaluation.mirror_image import ATE_RMSE_MIRRORED, add_mirror_image
 from asfm.evaluation.pose_error_table import ATE_OVER_PATH, ATE_RMSE, evaluate_sequence
+from asfm.geometry.reflection import reflect_after
 from asfm.geometry.sonar import SonarModel
 from asfm.pipeline import Run
 from asfm.sequence import Sequence
@@ -68,23 +69,24 @@ def measure_cell(cell: Cell, run: Run, opened: StudySequence, corrupted: Corrupt
 
 
 def _measure_poses(cell: Cell, run: Run, sequence: Sequence) -> Values:
-    """Return the pose errors after SE(3) alignment without scale; for a sonar alone, the nearer of both mirror images.
+    """Return the pose errors after SE(3) alignment without scale; for a sonar alone, all of the nearer mirror image.
 
     The sonar alone cannot tell a solution from its mirror image: the column ``mirror_aware`` says where that is done.
     """
     estimate = run.reconstruction.trajectory
-    table = evaluate_sequence(sequence, estimate)
-    row = table.row(ATE_RMSE)
-    ate_m = row.value
+    own = table = evaluate_sequence(sequence, estimate)
     if cell.mode == "sonar":
-        ate_m = min(ate_m, add_mirror_image(table, sequence, estimate).row(ATE_RMSE_MIRRORED).value)
+        mirrored = reflect_after(estimate.world_from_vehicle, 0, sequence.vehicle_from_sonar)
+        other = evaluate_sequence(sequence, replace(estimate, world_from_vehicle=mirrored))
+        table = min(own, other, key=lambda found: found.row(ATE_RMSE).value)
+    row = table.row(ATE_RMSE)
     odometry_m = row.odometry if row.ratio is not None else None
     return {
-        "ate_m": ate_m,
+        "ate_m": row.value,
         "mirror_aware": cell.mode == "sonar",
-        "ate_as_it_is_m": row.value,
+        "ate_as_it_is_m": own.row(ATE_RMSE).value,
         "odometry_ate_m": odometry_m,
-        "ate_over_odometry": ate_m / odometry_m if odometry_m else None,
+        "ate_over_odometry": row.value / odometry_m if odometry_m else None,
         **{column: _find(table, key) for column, key in POSE_METRICS.items()},
     }
 

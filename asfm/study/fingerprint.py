@@ -79,7 +79,7 @@ def hash_sources(folder: Path, left_out: tuple[str, ...] = ()) -> str:
     Raises:
         AsfmError: a file cannot be read.
     """
-    found = {}
+    found: dict[str, str] = {}
     for root, folders, files in os.walk(folder, followlinks=True):
         inside = Path(root).relative_to(folder)
         folders[:] = sorted(name for name in folders if (inside / name).as_posix() not in left_out)

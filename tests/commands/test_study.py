@@ -1,12 +1,15 @@
 """``asfm study``: the plan without work, the files of the tools, and what a finished study prints."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from asfm.cli import run_command_line
 from asfm.commands import plan_study
+from asfm.datasets.native.writer import write_native
+from asfm.simulation.simulate import simulate
 from asfm.study.study_run import load_grid
 
 Ask = Callable[..., str]
@@ -22,9 +25,31 @@ def test_a_dry_run_prints_the_grid_and_runs_nothing(tmp_path: Path, ask: Ask) ->
     lines = ask("study", path, "--dry-run").splitlines()
     found = {line[:20].split("  ")[0].strip(): line for line in lines}
     assert "sonar, all" in found["modes"] and "0, 1" in found["seeds"] and "1.0, 0.5" in found["corruption, recall"]
-    assert any(line.startswith("16 cells, 2 sequences, 2 passes of a front-end; about ") for line in lines)
+    assert any(line.startswith("16 cells, 2 sequences, front-end passes: 2; about ") for line in lines)
     assert lines[-1] == "external matcher: the Python function json:loads is code, and it would be run"
     assert [entry.name for entry in tmp_path.iterdir()] == ["study.yaml"]
+
+
+def test_recordings_without_the_sensors_of_a_mode_are_named_beforehand(tmp_path: Path, ask: Ask) -> None:
+    made = simulate("tank", "didson", 2)
+    write_native(tmp_path / "bare", replace(made.sequence, odometry=None, navigation=None))
+    (tmp_path / "study.yaml").write_text("sequences: [bare]\nmodes: [sonar, odometry, all]\ndetectors: [akaze]\n")
+    lines = ask("study", tmp_path / "study.yaml", "--dry-run").splitlines()
+    assert lines[-2:] == [
+        "cells that would fail: bare: mode odometry needs odometry, found none",
+        "cells that would fail: bare: mode all needs odometry, or depth and attitude, found none",
+    ]
+    assert lines[-3].startswith("3 cells, 1 sequence, front-end passes: 1; about 1 minute on")
+
+
+def test_a_study_of_which_nothing_succeeds_is_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = simulate("tank", "didson", 2)
+    write_native(tmp_path / "bare", replace(made.sequence, odometry=None, navigation=None))
+    (tmp_path / "study.yaml").write_text("sequences: [bare]\nmodes: [odometry]\ndetectors: [akaze]\n")
+    results = tmp_path / "out"
+    assert run_command_line(["study", str(tmp_path / "study.yaml"), "--output", str(results), "--jobs", "1"]) == 2
+    assert "all 1 cells of the study failed, the first one with: bare: mode odometry needs" in capsys.readouterr().err
+    assert (results / "report.html").is_file() and (results / "results.csv").is_file()
 
 
 @pytest.mark.parametrize(("name", "cells"), [("matcher_study", 3870), ("matcher_study_quick", 56)])

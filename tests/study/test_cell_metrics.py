@@ -66,6 +66,11 @@ def test_the_sonar_alone_is_measured_by_the_nearer_mirror_image(tank: SimulatedS
     run = make_run(mirrored, tank.sequence, *observe(tank))
     alone = measure_cell(CELL, run, open_sequence(tank), None)
     assert alone["mirror_aware"] and alone["ate_m"] == pytest.approx(0, abs=1e-9) and alone["ate_as_it_is_m"] > 1e-6
+    right = measure_cell(
+        CELL, make_run(truth.world_from_vehicle, tank.sequence, *observe(tank)), open_sequence(tank), None
+    )
+    for name in ("rotation_rmse_deg", "rpe_translation_m", "ate_over_path_percent"):
+        assert alone[name] == pytest.approx(right[name], abs=1e-6), "all of them are those of the nearer image"
     others = measure_cell(replace(CELL, mode="all"), run, open_sequence(tank), None)
     assert not others["mirror_aware"] and others["ate_m"] == others["ate_as_it_is_m"] == alone["ate_as_it_is_m"]
     assert others["ate_over_odometry"] == pytest.approx(others["ate_m"] / others["odometry_ate_m"])

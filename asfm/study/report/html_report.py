@@ -42,8 +42,11 @@ def write_report(folder: Path, rows: Sequence[Row]) -> None:
     Raises:
         AsfmError: a file cannot be written.
     """
+    import matplotlib
+
     law = fit_law(rows)
-    figures = draw_figures(rows, law)
+    with matplotlib.rc_context({"text.parse_math": False}):  # a name may hold a dollar
+        figures = draw_figures(rows, law)
     target = folder / FIGURES
     try:
         target.mkdir(exist_ok=True)

@@ -13,7 +13,7 @@ from asfm.study.report.error_law import ErrorLaw
 from asfm.study.report.figure_style import Figure
 from asfm.study.report.html_table import make_table
 from asfm.study.report.page_style import STYLE
-from asfm.study.report.summary_table import format_summary, summarise_rows
+from asfm.study.report.summary_table import format_summary, note_unequal_cells, summarise_rows
 from asfm.study.results_table import METRICS, Row
 
 MEANS, FIGURES, LAW, SEQUENCES = "Means over sequences and seeds", "Figures", "The law of the pose error", "Sequences"
@@ -98,7 +98,10 @@ def _summary_text() -> str:
 
 def _summary_table(rows: Sequence[Row]) -> str:
     headings, cells = format_summary(summarise_rows(rows), html.escape)
-    return make_table(headings, cells) if cells else "<p>No cells of real matchers.</p>"
+    note = note_unequal_cells(rows)
+    return (f"<p>{note}</p>" if note else "") + (
+        make_table(headings, cells) if cells else "<p>No cells of real matchers.</p>"
+    )
 
 
 def _cell_table(rows: Sequence[Row]) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields
+from html import escape
 
 import numpy as np
 
@@ -30,6 +31,8 @@ class SummaryRow:
     mode: str
     cells: int
     failed: int
+    measured: int
+    """Cells with an ATE, over which its means are taken."""
     matches: float | None
     precision: float | None
     recall: float | None
@@ -50,6 +53,7 @@ COLUMNS: dict[str, tuple[str, str]] = {
     "mode": ("mode", ""),
     "cells": ("cells", "d"),
     "failed": ("failed", "d"),
+    "measured": ("with ATE", "d"),
     "matches": ("matches", ".0f"),
     "precision": ("precision", ".3f"),
     "recall": ("recall", ".3f"),
@@ -71,6 +75,22 @@ def summarise_rows(rows: Sequence[Row]) -> list[SummaryRow]:
     return [_summarise(group, members) for group, members in groups.items()]
 
 
+def note_unequal_cells(rows: Sequence[Row]) -> str:
+    """Return a sentence where the means of a mode are not all over the same sequences and seeds; else nothing."""
+    measured: dict[tuple[str, str], set[tuple[str, int]]] = {}
+    for row in rows:
+        if row["wrong_share"] is None:
+            cells = measured.setdefault((row["mode"], f"{row['detector']}, {row['filters']}, {row['backend']}"), set())
+            cells |= {(row["sequence"], row["seed"])} if row["ate_m"] is not None else set()
+    modes = {mode for mode, _ in measured}
+    if all(len({frozenset(cells) for (mode, _), cells in measured.items() if mode == own}) == 1 for own in modes):
+        return ""
+    return (
+        "The means are not all over the same sequences and seeds, as cells failed, have no truth, or have matches of "
+        "one sequence only: compare matchers where they have cells in common, in results.csv."
+    )
+
+
 def _summarise(group: tuple[str, ...], rows: list[Row]) -> SummaryRow:
     detector, filters, backend, mode = group
     return SummaryRow(
@@ -80,6 +100,7 @@ def _summarise(group: tuple[str, ...], rows: list[Row]) -> SummaryRow:
         mode=mode,
         cells=len(rows),
         failed=sum(row["error"] is not None for row in rows),
+        measured=sum(row["ate_m"] is not None for row in rows),
         matches=mean_of(rows, "matches"),
         precision=mean_of(rows, "precision"),
         recall=mean_of(rows, "recall"),
@@ -112,6 +133,7 @@ def format_summary(summary: Sequence[SummaryRow], show: Callable[[str], str] = s
     """
     names = [field.name for field in fields(SummaryRow) if any(getattr(row, field.name) is not None for row in summary)]
     names = [name for name in names if name != "failed" or any(row.failed for row in summary)]
+    names = [name for name in names if name != "measured" or any(row.measured != row.cells for row in summary)]
     if len({row.backend for row in summary}) < 2:
         names = [name for name in names if name != "backend"]
     headings = [COLUMNS[name][0] for name in names]
@@ -125,7 +147,8 @@ def _format(row: SummaryRow, name: str) -> str:
 
 def to_markdown(headings: Sequence[str], cells: Sequence[Sequence[str]]) -> str:
     """Format a table as Markdown."""
-    lines = [headings, ["---"] * len(headings), *([text.replace("|", "\\|") for text in row] for row in cells)]
+    plain = [[escape(" ".join(text.split()), quote=False).replace("|", "\\|") for text in row] for row in cells]
+    lines = [headings, ["---"] * len(headings), *plain]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
@@ -149,4 +172,5 @@ def to_latex(headings: Sequence[str], cells: Sequence[Sequence[str]]) -> str:
 def escape_latex(text: str) -> str:
     """Escape the letters that have a meaning in LaTeX."""
     special = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+    special |= {"<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}", "\n": " "}
     return "".join(special.get(letter, f"\\{letter}" if letter in "&%$#_{}" else letter) for letter in text)
