@@ -49,6 +49,8 @@ def compare_folders(
             progress("evaluate", done, len(folders))
             table, remarks = _evaluate(folder)
             runs.append(compare_run(own, _wall_s(report), table))
+            if table is not None and table.reference is not None:
+                remarks.append(f"compared with {table.reference} in place of the true poses of the sequence")
             notes += [f"{own.run}: {remark}" for remark in remarks]
         progress("evaluate", len(folders), len(folders))
         comparison = RunComparison(tuple(runs), (*note_differences(tuple(runs)), *notes))

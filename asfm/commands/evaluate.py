@@ -58,6 +58,8 @@ def evaluate_folder(folder: Path, reference: Path | None = None) -> EvaluationTa
             evaluation.json cannot be written.
     """
     table = compare_with_truth(folder, reference)
+    if reference is not None:
+        table = replace(table, reference=str(reference.resolve()))
     write_evaluation(folder, table)
     return table
 

@@ -87,7 +87,7 @@ def run_sequence(
         diagnostics = tuple(dict.fromkeys((*sequence.diagnostics, *result.diagnostics, *remarks)))
         wall_s = time.perf_counter() - begin_s
         summary = RunSummary(
-            output, path, sequence, result, run.stages, diagnostics, evaluation, wall_s, external_matches
+            output, path, sequence, result, run.stages, diagnostics, evaluation, wall_s, external_matches, run.noise
         )
         write_report(folder / REPORT, summary, config)
     return summary

@@ -28,10 +28,13 @@ class EvaluationTable:
     rows: tuple[EvaluationRow, ...]
     notes: tuple[str, ...] = ()
     """Limits of the comparison, one sentence each."""
+    reference: str | None = None
+    """File of true poses that took the place of the sequence's own."""
 
     def as_dict(self) -> dict[str, object]:
         """Return the content of evaluation.json; every number is finite."""
-        return {"rows": [vars(row).copy() for row in self.rows], "notes": list(self.notes)}
+        rows = [vars(row).copy() for row in self.rows]
+        return {"rows": rows, "notes": list(self.notes), "reference": self.reference}
 
     def row(self, key: str) -> EvaluationRow:
         """Return the row with a key.

@@ -1,6 +1,6 @@
 """Reconstruction pipeline: acoustic structure from motion, from images to trajectory and landmarks."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from asfm.backend.initialisation.initial_poses import (
     search_from_tracks,
     verify_odometry,
 )
-from asfm.config import Config
+from asfm.config import Config, NoiseConfig
 from asfm.diagnostics import Diagnostic
 from asfm.frontend.tracking.association import associate
 from asfm.frontend.tracking.guided_matching import add_matches, match_to_landmarks
@@ -50,6 +50,8 @@ class Run:
     """Of every frame, without patches."""
     matches: tuple[Matches, ...]
     """Of the frame pairs in the matching window, after the outlier filters; their (M, 2) indices are of keypoints."""
+    noise: NoiseConfig = field(default_factory=NoiseConfig)
+    """Of the features, as the gates used it: estimated, or as the configuration states it."""
 
 
 def reconstruct(
@@ -96,7 +98,7 @@ def reconstruct(
     with clock.stage("record"):
         recorder.record_reconstruction(with_world_of(calibrated, sequence), reconstruction)
     without_patches = tuple(frame.without_patches() for frame in keypoints)
-    return Run(reconstruction, tuple(clock.reports), without_patches, tuple(matches))
+    return Run(reconstruction, tuple(clock.reports), without_patches, tuple(matches), config.noise)
 
 
 def estimate(

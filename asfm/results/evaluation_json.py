@@ -12,6 +12,9 @@ from asfm.safe_json import read_json
 
 EXPECTED = "an evaluation that asfm wrote"
 REMEDY = "run asfm evaluate again"
+ERRORS = ("ate_", "rpe_", "rotation_rmse", "nees_", "bound_", "match_count")
+SHARES = ("match_precision", "match_recall", "match_arc_inlier_ratio")
+"""Beginnings of the keys of measures that are not negative, and of those between 0 and 1."""
 
 
 def write_evaluation(folder: Path, table: EvaluationTable) -> None:
@@ -41,7 +44,28 @@ def read_evaluation(folder: Path) -> EvaluationTable:
     rows, notes = (content.get(key) if isinstance(content, dict) else None for key in ("rows", "notes"))
     if not isinstance(rows, list) or not isinstance(notes, list) or not all(isinstance(note, str) for note in notes):
         raise AsfmError(f"{path}: expected {EXPECTED}, with rows and notes, found none of these; {REMEDY}")
-    return EvaluationTable(tuple(_read_row(path, number, row) for number, row in enumerate(rows)), tuple(notes))
+    reference = content.get("reference")
+    table = EvaluationTable(
+        tuple(_read_row(path, number, row) for number, row in enumerate(rows)),
+        tuple(notes),
+        reference if isinstance(reference, str) else None,
+    )
+    _check_values(path, table)
+    return table
+
+
+def _check_values(path: Path, table: EvaluationTable) -> None:
+    """Refuse evaluations without rows, with a row twice, and with values that their measures cannot have."""
+    if not table.rows:
+        raise AsfmError(f"{path}: expected {EXPECTED}, with rows, found none; {REMEDY}")
+    keys = [row.key for row in table.rows]
+    for number, row in enumerate(table.rows):
+        if row.key in keys[:number]:
+            raise AsfmError(f"{path}, row {number}: expected each key once, found {quote(row.key)} again; {REMEDY}")
+        if row.key.startswith(ERRORS) and row.value < 0:
+            raise AsfmError(f"{path}, row {number}: expected an error of 0 or more, found {row.value:g}; {REMEDY}")
+        if row.key.startswith(SHARES) and not 0 <= row.value <= 1:
+            raise AsfmError(f"{path}, row {number}: expected a share of 0 to 1, found {row.value:g}; {REMEDY}")
 
 
 def _read_row(path: Path, number: int, row: Any) -> EvaluationRow:

@@ -46,6 +46,7 @@ def build_report(summary: RunSummary, config: Config) -> dict[str, Any]:
             "landmarks": len(landmarks),
             "well_constrained": int(landmarks.well_constrained.sum()),
         },
+        "noise": summary.noise.model_dump(mode="json"),
         "consistency": summary.reconstruction.consistency.as_dict(),
         "stages": [vars(stage) for stage in summary.stages],
         "wall_s": summary.wall_s,

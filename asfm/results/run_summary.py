@@ -1,8 +1,9 @@
 """Summary of a run: the reconstruction, its diagnostics, its evaluation and the cost of each stage."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
+from asfm.config import NoiseConfig
 from asfm.diagnostics import Diagnostic
 from asfm.evaluation.evaluation_table import EvaluationTable
 from asfm.sequence import Sequence
@@ -29,3 +30,5 @@ class RunSummary:
     """From opening the sequence until all results but the report were written."""
     external_matches: tuple[Path, Path] | None = None
     """Files of keypoints and matches that replaced asfm's own."""
+    noise: NoiseConfig = field(default_factory=NoiseConfig)
+    """Of the features, as the gates used it."""

@@ -80,6 +80,14 @@ def refuse_output(results: Path, output: Path) -> str:
     return str(caught.value)
 
 
+def test_an_evaluation_against_another_reference_is_named(results: Path, ask: Any) -> None:
+    ask("evaluate", results, "--reference", results / "trajectory.tum")
+    (note,) = (note for note in compare_folders([results]).notes if "in place of the true poses" in note)
+    assert note.startswith(f"{results.name}: compared with {(results / 'trajectory.tum').resolve()}")
+    ask("evaluate", results)
+    assert not [note for note in compare_folders([results]).notes if "in place of" in note]
+
+
 def test_a_newer_evaluation_is_read_and_an_older_one_made_anew(results: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made = []
 

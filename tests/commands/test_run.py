@@ -39,6 +39,7 @@ def test_run_writes_all_results(demo_folder: Path) -> None:
     assert all(report["versions"].values())
     assert 0 < sum(stage["wall_s"] for stage in report["stages"]) <= report["wall_s"]
     assert all(50 < stage["peak_memory_mb"] < 5000 for stage in report["stages"])
+    assert report["noise"]["estimated"] is False and 0.5 < report["noise"]["range_bins"] != Config().noise.range_bins
     counts = {stage["name"]: stage["counts"] for stage in report["stages"]}
     assert counts["front-end"]["frames"] == FRAMES and 0.001 < counts["noise"]["range noise m"] < 0.05
 

@@ -16,4 +16,5 @@ def test_rows_are_found_by_key() -> None:
 
 def test_json_holds_every_field() -> None:
     row = {"key": "a_m", "name": "a", "value": 1.5, "unit": "m", "odometry": None, "ratio": None, "detail": True}
-    assert EvaluationTable((ROW,), ("a note",)).as_dict() == {"rows": [row], "notes": ["a note"]}
+    table = EvaluationTable((ROW,), ("a note",), "poses.tum").as_dict()
+    assert table == {"rows": [row], "notes": ["a note"], "reference": "poses.tum"}

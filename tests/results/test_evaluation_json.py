@@ -10,6 +10,12 @@ from asfm.evaluation.evaluation_table import EvaluationRow, EvaluationTable
 from asfm.results.evaluation_json import read_evaluation, write_evaluation
 
 
+def list_rows(**values: float) -> str:
+    """Return an evaluation with a value for each key."""
+    rows = [{"key": key, "name": key, "unit": "", "value": value} for key, value in values.items()]
+    return json.dumps({"rows": rows, "notes": []})
+
+
 def test_evaluation_is_replaced(tmp_path: Path) -> None:
     for note in ("old", "new"):
         write_evaluation(tmp_path, EvaluationTable((), (note,)))
@@ -35,8 +41,9 @@ def test_an_evaluation_reads_back(tmp_path: Path) -> None:
         EvaluationRow("ate_m", "ATE", 0.1, "m", 0.3, 1 / 3),
         EvaluationRow("match_recall", "recall", 1.0, "", detail=True),
     )
-    write_evaluation(tmp_path, EvaluationTable(rows, ("a note",)))
-    assert read_evaluation(tmp_path) == EvaluationTable(rows, ("a note",))
+    for table in (EvaluationTable(rows, ("a note",)), EvaluationTable(rows, (), "/poses.tum")):
+        write_evaluation(tmp_path, table)
+        assert read_evaluation(tmp_path) == table
 
 
 @pytest.mark.parametrize(
@@ -48,6 +55,11 @@ def test_an_evaluation_reads_back(tmp_path: Path) -> None:
         ('{"rows": [], "notes": [1]}', "with rows and notes"),
         ('{"rows": [3], "notes": []}', "row 0: expected a key, a name and a unit, found 3"),
         ('{"rows": [{"key": "a", "name": "a", "unit": "m"}], "notes": []}', "row 0: expected a value, found none"),
+        ('{"rows": [], "notes": []}', "with rows, found none; run asfm evaluate again"),
+        (list_rows(match_precision_overall=7.5), r"row 0: expected a share of 0 to 1, found 7\.5"),
+        (list_rows(match_recall_gap_1=-0.1), r"row 0: expected a share of 0 to 1, found -0\.1"),
+        (list_rows(poses_compared=3, ate_rmse_m_se3=-3), "row 1: expected an error of 0 or more, found -3"),
+        (list_rows(ate_m=1, twice=2).replace("twice", "ate_m"), "each key once, found 'ate_m' again"),
         (
             '{"rows": [{"key": "a", "name": "a", "unit": "m", "value": NaN}], "notes": []}',
             "finite number as value, found nan",
