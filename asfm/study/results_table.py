@@ -2,6 +2,7 @@
 
 import csv
 import io
+import json
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
@@ -170,5 +171,22 @@ def _write_parquet(path: Path, rows: Sequence[Row]) -> None:
     kinds = {str: pyarrow.string(), int: pyarrow.int64(), float: pyarrow.float64(), bool: pyarrow.bool_()}
     schema = pyarrow.schema([(name, kinds[kind]) for name, kind in COLUMNS.items()])
     sink = pyarrow.BufferOutputStream()
-    parquet.write_table(pyarrow.Table.from_pylist(list(rows), schema=schema), sink, compression="zstd")
+    parquet.write_table(_make_table(rows, schema), sink, compression="zstd")
     write_aside(path, sink.getvalue().to_pybytes())
+
+
+def _make_table(rows: Sequence[Row], schema: Any) -> Any:
+    """Return rows as an Arrow table. By way of JSON: pyarrow's way from Python values imports pandas, for a second."""
+    from pyarrow import json as arrow_json
+
+    if not rows:
+        return schema.empty_table()
+    text = "\n".join(json.dumps(row, default=_get_number) for row in rows).encode()
+    options = arrow_json.ParseOptions(explicit_schema=schema, unexpected_field_behavior="error")
+    whole = arrow_json.ReadOptions(use_threads=False, block_size=len(text) + 1)
+    return arrow_json.read_json(io.BytesIO(text), whole, options)
+
+
+def _get_number(value: Any) -> Any:
+    """Return the number of a NumPy scalar."""
+    return value.item()

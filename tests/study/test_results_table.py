@@ -2,10 +2,14 @@
 
 import csv
 import io
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from pyarrow import parquet
 
 from asfm.config import Config
 from asfm.errors import AsfmError
@@ -19,8 +23,10 @@ from asfm.study.results_table import (
     write_results,
     write_row,
 )
+from tests.study.conftest import ROOT
 
 CELL = Cell(Simulation("tank", "didson", None, 0, 5), 4, "sonar", "akaze", "default", "default", Config(), 3)
+SPECIAL = [np.nan, np.inf, -np.inf, -0.0]
 CORRUPTION = Corruption(0.1, "random", 0.5, 0.25, "white", 0.9, 7, 50)
 
 
@@ -79,3 +85,32 @@ def test_what_cannot_be_written_leaves_the_old_file(tmp_path: Path) -> None:
 
 def test_text_with_commas_is_quoted() -> None:
     assert format_csv([{"a": 'x, "y"', "b": None}], ["a", "b"]) == 'a,b\n"x, ""y""",\n'
+
+
+def test_numbers_and_text_are_kept_to_the_bit(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    values = np.frombuffer(rng.bytes(8 * 500), dtype=np.float64)
+    rows = [{**describe_axes(CELL), "ate_m": value, "matches": np.int64(2**63 - 1)} for value in values[:-4]]
+    odd = [{"warnings": 'a "b"\n\t\\ \u20ac \x00', "mirror_aware": np.bool_(True), "ate_m": value} for value in SPECIAL]
+    write_results(tmp_path, [*rows, *odd])
+    table = parquet.ParquetFile(tmp_path / "results.parquet").read()
+    found = np.array(table["ate_m"].to_pylist(), dtype=np.float64)
+    expected = np.array([*values[:-4], *SPECIAL])
+    same = (found.view(np.int64) == expected.view(np.int64)) | (np.isnan(found) & np.isnan(expected))
+    assert same.all() and table.schema.names == list(COLUMNS)
+    last = table.to_pylist()[-1]
+    assert last["warnings"] == odd[0]["warnings"] and last["mirror_aware"] is True
+    assert table["matches"][0].as_py() == 2**63 - 1
+    write_results(tmp_path, [])
+    assert parquet.ParquetFile(tmp_path / "results.parquet").read().schema == table.schema
+
+
+def test_rows_are_written_and_read_without_pandas(tmp_path: Path) -> None:
+    code = (
+        "import sys; from pathlib import Path; from asfm.study.results_table import write_results, read_rows\n"
+        "from types import SimpleNamespace as Cell\n"
+        "folder = Path(sys.argv[1]); write_results(folder, [{'ate_m': 1.5}])\n"
+        "assert read_rows(folder, [Cell(id='results')])[0]['ate_m'] == 1.5 and 'pandas' not in sys.modules"
+    )
+    done = subprocess.run([sys.executable, "-c", code, str(tmp_path)], cwd=ROOT, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr
