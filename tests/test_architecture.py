@@ -238,6 +238,7 @@ def test_both_linked_folders_install_as_parts_of_the_package() -> None:
 def test_run_time_imports_are_declared() -> None:
     distributions = {
         "cv2": "opencv-python-headless",
+        "dask_jobqueue": "dask-jobqueue",
         "skimage": "scikit-image",
         "sklearn": "scikit-learn",
         "yaml": "pyyaml",

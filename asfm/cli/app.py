@@ -128,11 +128,17 @@ def study(options: StudyOptions) -> None:
 
         print_lines(describe_plan(plan_study(options.study)))
         return
+    if options.study.is_file() and options.scheduler is None and options.cluster is None:
+        from asfm.study.fork_server import start_fork_server
+
+        start_fork_server()  # before the imports below, beside which it loads its own
     from asfm.commands import run_study
     from asfm.commands.study import require_success
+    from asfm.study.study_run import RunSettings
 
+    settings = RunSettings(options.jobs, options.retry_failed, options.scheduler, options.cluster)
     with show_countdown("study") as report:
-        summary = run_study(options.study, options.output, options.jobs, options.retry_failed, report)
+        summary = run_study(options.study, options.output, settings, report)
     print_lines(describe_study(summary))
     require_success(summary)
 

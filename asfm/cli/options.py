@@ -132,6 +132,10 @@ class StudyOptions:
     study: Annotated[Path, Argument(help="Study file (YAML).", metavar="STUDY")]
     output: Annotated[Path | None, Option(help="Folder of the study; finished cells in it are kept.")] = None
     jobs: Annotated[int | None, Option(help="Number of processes; by default that of the cores.")] = None
+    scheduler: Annotated[
+        str | None, Option(help="Run the cells on the workers of this Dask scheduler, such as tcp://host:8786.")
+    ] = None
+    cluster: Annotated[Path | None, Option(help="Start a Dask cluster by this file (YAML) for the cells.")] = None
     dry_run: Annotated[bool, Option("--dry-run", help="Show the grid and an estimate of its time, run nothing.")] = (
         False
     )

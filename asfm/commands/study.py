@@ -6,7 +6,6 @@ from pathlib import Path
 from asfm.datasets import open_sequence
 from asfm.errors import AsfmError
 from asfm.study.cell import Cell, Recording
-from asfm.study.local_engine import Report
 from asfm.study.report.error_law import ErrorLaw, fit_law
 from asfm.study.report.html_report import require_matplotlib, write_report
 from asfm.study.report.summary_table import SummaryRow, summarise_rows
@@ -14,6 +13,7 @@ from asfm.study.results_table import Row
 from asfm.study.sequence_provider import check_sensors
 from asfm.study.study_definition import StudyDefinition
 from asfm.study.study_run import RunSettings, compute_cells, load_grid, no_report
+from asfm.study.task_queue import Report
 from asfm.study.time_estimate import Estimate, estimate_time
 
 
@@ -81,8 +81,7 @@ def require_success(summary: StudySummary) -> None:
 def run_study(
     path: Path,
     output: Path | None,
-    jobs: int | None = None,
-    retry_failed: bool = False,
+    settings: RunSettings | None = None,
     report: Report = no_report,
 ) -> StudySummary:
     """Run a study: every cell that is not finished, then tables, figures and the report.
@@ -90,22 +89,22 @@ def run_study(
     Args:
         path: the study file.
         output: folder of the study; finished cells of the same study in it are kept.
-        jobs: number of processes; that of the cores where it is None.
-        retry_failed: run cells again that have failed.
+        settings: where the cells are run, and whether those that have failed are run again.
         report: receives (cells done, cells to do, seconds left).
 
     Raises:
         AsfmError: the file, a path or a setting is at fault, the folder holds something else, another process works in
-            it, a file cannot be written, or matplotlib is missing.
+            it, a file cannot be written, a cluster cannot be had, or matplotlib is missing.
     """
     if output is None:
         raise AsfmError("expected a folder for the study (--output DIR), or --dry-run, found neither")
     require_matplotlib()
+    settings = settings or RunSettings()
+    settings.choose_engine()  # its faults are found before the grid is built
     study, cells = load_grid(path)
 
     def finish(folder: Path, rows: list[Row]) -> None:
         write_report(folder, rows)
 
-    settings = RunSettings(retry_failed=retry_failed) if jobs is None else RunSettings(jobs, retry_failed)
     results = compute_cells(study, cells, output, settings, report, finish=finish)
     return StudySummary(output, results.rows, results.computed, summarise_rows(results.rows), fit_law(results.rows))

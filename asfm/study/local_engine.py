@@ -4,23 +4,17 @@ import multiprocessing
 import os
 import signal
 import threading
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 
 from asfm.errors import AsfmError
 from asfm.study.cell_run import CELLS, CellTask
+from asfm.study.fork_server import get_worker_context, limit_threads, start_fork_server
 from asfm.study.results_table import describe_axes, write_row
-
-Report = Callable[[int, int, float], None]
-"""Called as report(cells done, all cells, seconds left) after each cell."""
-RunTask = Callable[[CellTask, Path], None]
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
-PRELOADED = ["asfm.study.cell_run", "pyarrow.parquet"]
+from asfm.study.task_queue import Report, RunTask, TaskQueue
 
 
 @dataclass
@@ -30,13 +24,10 @@ class _Worker:
     process: Any
     pipe: Connection
     task: CellTask | None = None
-    keys: frozenset[str] = field(default_factory=frozenset)
 
 
 def run_tasks(tasks: Sequence[CellTask], folder: Path, jobs: int, run: RunTask, report: Report) -> None:
     """Run tasks in worker processes. A worker that dies costs its own cell, whose row says so.
-
-    Cells whose shared features are being computed by another worker are put off while there are others.
 
     Args:
         tasks: in the order of the grid.
@@ -48,50 +39,23 @@ def run_tasks(tasks: Sequence[CellTask], folder: Path, jobs: int, run: RunTask, 
     Raises:
         AsfmError: a row cannot be written.
     """
-    pending, done, begin_s = list(tasks), 0, time.monotonic()
-    context = _make_context()
-    with _one_thread():
-        workers = [_start(context, folder, run) for _ in range(min(jobs, len(pending)))]
-        made: set[str] = set()
+    queue = TaskQueue(tasks, report)
+    start_fork_server()
+    context = get_worker_context()
+    with limit_threads():
+        workers = [_start(context, folder, run) for _ in range(min(jobs, len(tasks)))]
         try:
-            while pending or any(worker.task for worker in workers):
+            while not queue.is_empty or any(worker.task for worker in workers):
                 for number, worker in enumerate(workers):
-                    if worker.task is None and pending:
+                    if worker.task is None and not queue.is_empty:
                         if not worker.process.is_alive():
                             workers[number] = worker = _start(context, folder, run)
-                        _give(worker, pending, workers, made)
+                        worker.task = queue.take()
+                        worker.pipe.send(worker.task)
                 for worker in _wait_for_any(workers):
-                    _collect(worker, folder)
-                    made |= worker.keys
-                    worker.task, worker.keys, done = None, frozenset(), done + 1
-                    left_s = (time.monotonic() - begin_s) / done * (len(tasks) - done)
-                    report(done, len(tasks), left_s)
+                    queue.finish(_collect(worker, folder))
         finally:
             _stop(workers)
-
-
-def _make_context() -> Any:
-    """Return the way of starting processes: libraries with threads do not survive a fork of this one."""
-    if "forkserver" not in multiprocessing.get_all_start_methods():
-        return multiprocessing.get_context("spawn")
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(PRELOADED)
-    return context
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Let libraries that new processes load use one thread: the variables are read when they are loaded."""
-    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
-    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
 
 
 def _start(context: Any, folder: Path, run: RunTask) -> _Worker:
@@ -131,20 +95,6 @@ def _die_with_parent() -> None:
         os._exit(1)
 
 
-def _give(worker: _Worker, pending: list[CellTask], workers: list[_Worker], made: set[str]) -> None:
-    """Give a worker the first task that need not wait for what another worker is making."""
-    being_made = {key for other in workers if other.task is not None for key in other.keys} - made
-    free = (number for number, task in enumerate(pending) if not _keys(task) & being_made)
-    worker.task = pending.pop(next(free, 0))
-    worker.keys = _keys(worker.task)
-    worker.pipe.send(worker.task)
-
-
-def _keys(task: CellTask) -> frozenset[str]:
-    """Return the keys of what is made once for several cells."""
-    return frozenset({task.cell.sequence_key, task.cell.features_key})
-
-
 def _wait_for_any(workers: list[_Worker]) -> list[_Worker]:
     """Wait until a worker answers or dies."""
     busy = [worker for worker in workers if worker.task is not None]
@@ -152,21 +102,23 @@ def _wait_for_any(workers: list[_Worker]) -> list[_Worker]:
     return [worker for worker in busy if worker.pipe in ready or worker.process.sentinel in ready]
 
 
-def _collect(worker: _Worker, folder: Path) -> None:
-    """Receive a worker's answer; where it died, write the row of its cell in its place."""
-    assert worker.task is not None
+def _collect(worker: _Worker, folder: Path) -> CellTask:
+    """Receive a worker's answer; where it died, write the row of its cell in its place. Return what it had to do."""
+    task, worker.task = worker.task, None
+    assert task is not None
     try:
         message = worker.pipe.recv()
     except (EOFError, OSError):
         worker.process.join()
-        path = folder / CELLS / f"{worker.task.cell.id}.parquet"
+        path = folder / CELLS / f"{task.cell.id}.parquet"
         if not path.is_file():
             code = worker.process.exitcode
             how = f"signal {-code}" if code and code < 0 else f"code {code}"
-            write_row(path, {**describe_axes(worker.task.cell), "error": f"the worker process died ({how})"})
-        return
+            write_row(path, {**describe_axes(task.cell), "error": f"the worker process died ({how})"})
+        return task
     if message:
         raise AsfmError(message)
+    return task
 
 
 def _stop(workers: list[_Worker]) -> None:

@@ -1,6 +1,5 @@
 """Run of a study: all cells that are not finished yet, then the tables and the report."""
 
-import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -10,23 +9,36 @@ from asfm.errors import AsfmError
 from asfm.folder_lock import lock_folder
 from asfm.study.cell import Cell
 from asfm.study.cell_run import CELLS, CellTask, run_cell
+from asfm.study.engines import Engine, choose_engine
 from asfm.study.grid import build_grid
-from asfm.study.local_engine import Report, RunTask, run_tasks
 from asfm.study.manifest import make_folder, make_manifest, open_study_folder
 from asfm.study.match_pictures import choose_illustrated
 from asfm.study.results_table import Row, read_rows, write_results
 from asfm.study.shared_matching import list_requests
 from asfm.study.study_definition import StudyDefinition, read_study
+from asfm.study.task_queue import Report, RunTask
 
 
 @dataclass(frozen=True)
 class RunSettings:
     """How the cells of a study are run."""
 
-    jobs: int = os.cpu_count() or 1
-    """Number of processes."""
+    jobs: int | None = None
+    """Number of processes of this machine; that of its cores where nothing else is said."""
     retry_failed: bool = False
     """Run cells again whose row is an error."""
+    scheduler: str | None = None
+    """Address of the Dask scheduler whose workers run the cells."""
+    cluster: Path | None = None
+    """File of the Dask cluster that is started to run the cells."""
+
+    def choose_engine(self) -> Engine:
+        """Return what runs the cells; nothing is started yet.
+
+        Raises:
+            AsfmError: the settings contradict each other, are wrong, or need what is not installed.
+        """
+        return choose_engine(self.jobs, self.scheduler, self.cluster)
 
 
 @dataclass(frozen=True)
@@ -69,17 +81,17 @@ def compute_cells(
         study: the definition.
         cells: its grid.
         folder: of the study; it may hold finished cells of the same study.
-        settings: number of processes, and whether failed cells are computed again.
+        settings: where cells are computed, and whether failed ones are computed again.
         report: receives the progress.
         run: runs one cell.
         finish: writes the report, while the folder is still locked.
 
     Raises:
-        AsfmError: the folder holds something else, another process works in it, or a file cannot be written.
+        AsfmError: the folder holds something else, another process works in it, a file cannot be written, or the engine
+            cannot be had.
     """
     cells, settings = list(cells), settings or RunSettings()
-    if settings.jobs < 1:
-        raise AsfmError(f"expected at least one process (--jobs), found {settings.jobs}")
+    engine = settings.choose_engine()
     make_folder(folder)
     with lock_folder(folder) as locked:
         if not locked and sys.platform != "win32":
@@ -90,7 +102,7 @@ def compute_cells(
         illustrated = choose_illustrated(cells)
         tasks = [CellTask(cell, requests.get(cell.features_key, ()), cell.id in illustrated) for cell in pending]
         if tasks:
-            run_tasks(tasks, folder, settings.jobs, run, report)
+            engine(tasks, folder, run, report)
         rows = read_rows(folder / CELLS, cells)
         write_results(folder, rows)
         if finish is not None:

@@ -9,8 +9,9 @@ from asfm.config import Config
 from asfm.errors import AsfmError
 from asfm.study.cell import Cell, Simulation
 from asfm.study.cell_run import CELLS, CellTask
-from asfm.study.local_engine import RunTask, run_tasks
+from asfm.study.local_engine import run_tasks
 from asfm.study.results_table import Row, read_rows
+from asfm.study.task_queue import RunTask
 from tests.study.engine_runs import die_at_seed_2, fill_the_disk, log_span, note_process
 
 CELL = Cell(Simulation("tank", "didson", None, 0, 5), 0, "all", "akaze", "default", "default", Config(), 3)
