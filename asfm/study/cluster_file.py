@@ -2,6 +2,7 @@
 
 import inspect
 import shutil
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -19,6 +20,7 @@ OBJECTS = frozenset({"self", "scheduler", "loop", "job_cls", "scheduler_cls"})
 OWN = frozenset({"n_workers", "name", "asynchronous", "silence_logs", "dashboard_address", "host"})
 """Arguments of dask-jobqueue that asfm sets itself, or that belong into scheduler_options."""
 SILENT = "CRITICAL"
+CLOSE_S, SUBMIT_S = 3, 60
 
 
 class ClusterSettings(BaseModel):
@@ -81,7 +83,7 @@ def start_cluster(path: Path, settings: ClusterSettings) -> Iterator[Any]:
         yield cluster
     finally:
         with suppress(OSError, TimeoutError):
-            cluster.close(timeout=3)
+            cluster.close(timeout=CLOSE_S)
 
 
 def _start_local(settings: ClusterSettings) -> Any:
@@ -102,7 +104,27 @@ def _start_queue(path: Path, settings: ClusterSettings) -> Any:
     options = {"dashboard": False, "dashboard_address": ":0", **arguments.pop("scheduler_options", {})}
     cluster = kind(**arguments, scheduler_options=options, silence_logs=SILENT)
     cluster.scale(jobs=settings.jobs)
+    try:
+        _check_jobs(cluster, settings.jobs)
+    except BaseException:
+        with suppress(Exception):  # it does not like jobs that were never begun
+            cluster.close(timeout=CLOSE_S)
+        raise
     return cluster
+
+
+def _check_jobs(cluster: Any, jobs: int) -> None:
+    """Wait until all jobs are handed over to the queueing system, which must not refuse one.
+
+    Raises:
+        RuntimeError: it does; the message has its output.
+    """
+    deadline_s = time.monotonic() + SUBMIT_S
+    while len(cluster.workers) < jobs and time.monotonic() < deadline_s:
+        time.sleep(0.05)
+    for job in cluster.workers.values():
+        if job.job_id is None:
+            cluster.sync(job.start)  # once more: what it raised was not kept
 
 
 def _list_arguments(path: Path, name: str) -> frozenset[str]:

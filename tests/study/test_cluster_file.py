@@ -29,12 +29,12 @@ FAULTS = {
 }
 SUBMIT = """#!/bin/sh
 cp "$1" "{folder}/job.sh"
-sh "$1" > "{folder}/job.log" 2>&1 &
+setsid sh "$1" > "{folder}/job.log" 2>&1 &
 echo "Submitted batch job $!"
 """
 CANCEL = """#!/bin/sh
 echo "$1" > "{folder}/cancelled"
-kill "$1"
+kill -- -"$1"
 """
 
 
@@ -69,6 +69,14 @@ def test_values_that_dask_jobqueue_refuses_are_one_line(
     monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
     settings = read(tmp_path, f"class: SLURMCluster\narguments: {arguments}")
     with pytest.raises(AsfmError, match=r"cluster.yaml: cannot start SLURMCluster: "), start_cluster(*settings):
+        pass
+
+
+def test_a_job_that_the_queueing_system_refuses_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_program(tmp_path / "sbatch", "#!/bin/sh\necho invalid partition 7 >&2\nexit 1\n", tmp_path)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    settings = read(tmp_path, SLURM + ", interface: lo}")
+    with pytest.raises(AsfmError, match=r"cannot start SLURMCluster: .*invalid partition 7"), start_cluster(*settings):
         pass
 
 
