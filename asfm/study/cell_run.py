@@ -1,5 +1,6 @@
 """Run of a cell: its sequence and matches from the cache, the reconstruction, the metrics, its row."""
 
+import errno
 import time
 import traceback
 from dataclasses import dataclass, replace
@@ -7,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from asfm.errors import AsfmError
 from asfm.pipeline import Run, reconstruct
 from asfm.simulation.simulate import add_sensors
 from asfm.study.cell import Cell, Recording
@@ -45,18 +47,29 @@ def run_cell(task: CellTask, folder: Path) -> None:
         folder: of the study.
 
     Raises:
-        AsfmError: the row cannot be written.
+        AsfmError: the row cannot be written, or the disk is full.
     """
     begin_s = time.perf_counter()
     values: Values
     try:
         values = _compute(task, folder)
-    except Exception as error:  # whatever it was, the other cells go on
+    except Exception as error:  # whatever it was, the other cells go on, unless they would fail as well
+        if is_disk_full(error):
+            raise AsfmError(f"{error}; finished cells are kept: make room, and run the study again") from None
         values = {"error": describe_failure(error)}
         if values["error"].startswith("defect"):
             _log(folder / LOGS / f"{task.cell.id}.txt", f"{task.cell.label}\n\n{traceback.format_exc()}")
     values.setdefault("seconds", time.perf_counter() - begin_s)
     write_row(folder / CELLS / f"{task.cell.id}.parquet", {**describe_axes(task.cell), **values})
+
+
+def is_disk_full(error: BaseException | None) -> bool:
+    """Return whether an exception, or one that led to it, tells of a full disk."""
+    while error is not None:
+        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def _log(path: Path, text: str) -> None:

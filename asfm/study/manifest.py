@@ -14,7 +14,7 @@ from asfm.study.cell import Cell
 from asfm.study.fingerprint import hash_content
 from asfm.study.study_definition import StudyDefinition
 
-MANIFEST = "manifest.json"
+MANIFEST, PARTIAL = "manifest.json", ".manifest.json.partial"
 PACKAGES = ("numpy", "scipy", "gtsam", "opencv-python-headless", "scikit-image", "pyarrow", "matplotlib")
 
 
@@ -49,7 +49,7 @@ def open_study_folder(folder: Path, manifest: dict[str, Any]) -> None:
     """
     path = folder / MANIFEST
     try:
-        entries = sorted(entry.name for entry in folder.iterdir())
+        entries = sorted({entry.name for entry in folder.iterdir()} - {PARTIAL})
     except OSError as error:
         raise AsfmError(f"{folder}: cannot look into the folder: {error.strerror}") from None
     if MANIFEST in entries:
@@ -61,7 +61,13 @@ def open_study_folder(folder: Path, manifest: dict[str, Any]) -> None:
         return
     if entries:
         raise AsfmError(f"{folder}: expected an empty folder or that of the same study, found {entries[0]}")
-    write_json(path, manifest)
+    try:
+        write_json(folder / PARTIAL, manifest)
+        (folder / PARTIAL).replace(path)
+    except OSError as error:
+        raise AsfmError(f"{path}: cannot write: {error.strerror}") from None
+    finally:
+        (folder / PARTIAL).unlink(missing_ok=True)
 
 
 def _list_versions() -> dict[str, str]:

@@ -1,5 +1,7 @@
 """Run of a cell: a row in any case, a log of defects, and what a seed changes of a recording."""
 
+import errno
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,9 +10,10 @@ import pytest
 
 from asfm.config import Config
 from asfm.datasets.native.writer import write_native
+from asfm.errors import AsfmError
 from asfm.simulation.simulate import simulate
 from asfm.study.cell import Cell, External, Recording, Simulation
-from asfm.study.cell_run import CELLS, LOGS, CellTask, run_cell
+from asfm.study.cell_run import CELLS, LOGS, CellTask, is_disk_full, run_cell
 from asfm.study.results_table import Row, read_rows
 
 TANK = Simulation("tank", "didson", None, 0, 4)
@@ -58,3 +61,20 @@ def test_what_fails_is_a_row_and_a_defect_has_a_log(tmp_path: Path, monkeypatch:
     assert row["error"] == "defect, ZeroDivisionError: of asfm"
     log = (tmp_path / LOGS / f"{cell.id}.txt").read_text()
     assert cell.label in log and "Traceback" in log and "in fail" in log
+
+
+def test_a_full_disk_ends_the_study_instead_of_failing_every_cell(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fill(*_: Any, **__: Any) -> Any:
+        try:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        except OSError as error:
+            raise AsfmError(f"cache: cannot write: {error.strerror}") from None
+
+    monkeypatch.setattr("asfm.study.cell_run.provide_sequence", fill)
+    cell = Cell(TANK, 0, "all", "mine", "default", "default", Config(), 0)
+    with pytest.raises(AsfmError, match="No space left on device; finished cells are kept: make room"):
+        run(cell, tmp_path)
+    assert not list((tmp_path / CELLS).iterdir())
+    assert not is_disk_full(AsfmError("No space left on device")), "words alone are no proof"

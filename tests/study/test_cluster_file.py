@@ -29,7 +29,7 @@ FAULTS = {
 }
 SUBMIT = """#!/bin/sh
 cp "$1" "{folder}/job.sh"
-setsid sh "$1" > "{folder}/job.log" 2>&1 &
+setsid sh "{folder}/job.sh" > "{folder}/job.log" 2>&1 &
 echo "Submitted batch job $!"
 """
 CANCEL = """#!/bin/sh

@@ -1,8 +1,11 @@
 """Runs of studies: every kind of cell, resuming after kill -9, folders that are in use or hold something else."""
 
 import csv
+import os
 import shutil
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -168,3 +171,28 @@ def test_a_finished_study_prints_its_table_and_writes_its_report_again(
     assert (results / "report.html").is_file(), "the report is written again"
     summary = run_study(study_folder / "study.yaml", results)
     assert summary.computed == 0 and len(summary.rows) == 16 and summary.law is None
+
+
+@pytest.mark.skipif(sys.platform != "linux" or os.geteuid() != 0, reason="only root mounts a small disk")
+def test_a_full_disk_ends_a_study_that_goes_on_when_there_is_room(tmp_path: Path) -> None:
+    study = "simulate: {scenes: [tank], sonars: [didson], frames: 4}\nseeds: 4\nmodes: [odometry]\ndetectors: [akaze]\n"
+    (tmp_path / "study.yaml").write_text(study + "bound_draws: 0\n")
+    disk, results = tmp_path / "disk", tmp_path / "disk" / "results"
+    disk.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=16k", "tmpfs", str(disk)], check=False).returncode:
+        pytest.skip("no small disk can be mounted")
+    try:
+        for size, finished in (("1200k", 1), ("1m", 1)):
+            subprocess.run(["mount", "-o", f"remount,size={size}", str(disk)], check=True)
+            process = run_asfm(tmp_path, "study", "study.yaml", "--output", "disk/results", "--jobs", "1", start=True)
+            _, message = process.communicate()
+            last = message.splitlines()[-1]
+            assert process.returncode == 2 and "Traceback" not in message, message
+            assert "No space left on device" in last and "make room, and run the study again" in last
+            assert len(list((results / "cells").iterdir())) >= finished and not (results / "results.csv").exists()
+        subprocess.run(["mount", "-o", "remount,size=50m", str(disk)], check=True)
+        run_asfm(tmp_path, "study", "study.yaml", "--output", "disk/results", "--jobs", "1")
+        rows = read_table(results)
+        assert [row["seed"] for row in rows] == list("0123") and not any(row["error"] for row in rows)
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)
