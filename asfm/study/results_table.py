@@ -3,13 +3,13 @@
 import csv
 import io
 import json
-import os
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from asfm.errors import AsfmError
+from asfm.folder_lock import name_temporary
 from asfm.results.output_file import write_file
 from asfm.study.cell import Cell, Simulation
 
@@ -154,7 +154,7 @@ def write_aside(path: Path, data: bytes) -> None:
     Raises:
         AsfmError: it cannot be written.
     """
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    partial = name_temporary(path.with_name(f".{path.name}"), "partial")  # of this host and process
     try:
         write_file(partial, data)
         partial.replace(path)
