@@ -13,7 +13,7 @@ from asfm.study.results_table import describe_axes, write_row
 def note_process(task: CellTask, folder: Path) -> None:
     """Write a row that holds the process and its threads."""
     time.sleep(0.05)
-    threads = os.environ["OMP_NUM_THREADS"]
+    threads = os.environ.get("OMP_NUM_THREADS", "as many as cores")
     row = {**describe_axes(task.cell), "warnings": f"{os.getpid()} {threads}"}
     write_row(folder / CELLS / f"{task.cell.id}.parquet", row)
 

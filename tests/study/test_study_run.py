@@ -109,10 +109,12 @@ def test_a_study_killed_in_the_middle_goes_on_where_it_was(study_folder: Path, t
 def test_a_finished_study_is_not_computed_again(study_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(study_folder))
     results = study_folder / "results"
-    before = {name: (results / name).read_bytes() for name in ("results.csv", "results.parquet")}
+    cells_before = {path.name: path.read_bytes() for path in (results / "cells").iterdir()}
+    before = read_table(results)
     study, cells = load_grid(study_folder / "study.yaml")
     assert compute_cells(study, cells, results).computed == 0
-    assert {name: (results / name).read_bytes() for name in before} == before
+    assert {path.name: path.read_bytes() for path in (results / "cells").iterdir()} == cells_before
+    assert read_table(results) == before
 
 
 def test_failed_cells_are_computed_again_where_that_is_asked_for(
