@@ -7,7 +7,7 @@ import numpy as np
 
 from asfm.config import KeypointsConfig
 from asfm.geometry.sonar import SonarModel
-from asfm.learned.image_features import DEFAULT_SETTINGS, Candidates, View, provide_features
+from asfm.learned.image_features import DEFAULT_SETTINGS, Candidates, View, provide_pair
 from asfm.learned.lightglue import match_by_lightglue
 from asfm.learned.weights import fill_network, load_weights
 from asfm.types import BoolArray, FloatArray, ImageArray, IntArray
@@ -39,10 +39,7 @@ def match_images(
     Raises:
         AsfmError: the extra ``learned`` is not installed, or image, mask and sonar do not fit together.
     """
-    mask_a, mask_b = masks or (None, None)
-    view = View(sonar, settings)
-    features_a = provide_features(detect_aliked, image_a, mask_a, view)
-    features_b = provide_features(detect_aliked, image_b, mask_b, view)
+    features_a, features_b = provide_pair(detect_aliked, (image_a, image_b), masks, View(sonar, settings))
     return features_a.xy_px, features_b.xy_px, match_by_lightglue("aliked", features_a, features_b)
 
 

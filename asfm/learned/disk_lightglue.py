@@ -7,7 +7,7 @@ import numpy as np
 
 from asfm.config import KeypointsConfig
 from asfm.geometry.sonar import SonarModel
-from asfm.learned.image_features import DEFAULT_SETTINGS, Candidates, View, provide_features
+from asfm.learned.image_features import DEFAULT_SETTINGS, Candidates, View, provide_pair
 from asfm.learned.lightglue import match_by_lightglue
 from asfm.learned.weights import fill_network, load_weights
 from asfm.types import BoolArray, FloatArray, ImageArray, IntArray
@@ -25,10 +25,7 @@ def match_images(
     Arguments, results (Ka, 2), (Kb, 2), (M, 2) and errors are those of
     :func:`asfm.learned.aliked_lightglue.match_images`.
     """
-    mask_a, mask_b = masks or (None, None)
-    view = View(sonar, settings)
-    features_a = provide_features(detect_disk, image_a, mask_a, view)
-    features_b = provide_features(detect_disk, image_b, mask_b, view)
+    features_a, features_b = provide_pair(detect_disk, (image_a, image_b), masks, View(sonar, settings))
     return features_a.xy_px, features_b.xy_px, match_by_lightglue("disk", features_a, features_b)
 
 

@@ -122,6 +122,14 @@ def provide_features(detect: Detect, image: ImageArray, mask: BoolArray | None, 
     return CACHE.provide(key, lambda: detect_features(detect, values, mask, view))
 
 
+def provide_pair(
+    detect: Detect, images: tuple[ImageArray, ImageArray], masks: tuple[BoolArray, BoolArray] | None, view: View
+) -> tuple[ImageFeatures, ImageFeatures]:
+    """Return the features of two images (ranges, beams); arguments and errors are those of :func:`provide_features`."""
+    mask_a, mask_b = masks or (None, None)
+    return provide_features(detect, images[0], mask_a, view), provide_features(detect, images[1], mask_b, view)
+
+
 def detect_features(detect: Detect, image: ImageArray, mask: BoolArray | None, view: View) -> ImageFeatures:
     """Detect features of an image of shape (ranges, beams), finite; see :func:`provide_features`."""
     warp = _make_warp(image, view)

@@ -51,7 +51,7 @@ def build_report(summary: RunSummary, config: Config) -> dict[str, Any]:
         "stages": [vars(stage) for stage in summary.stages],
         "wall_s": summary.wall_s,
         "warnings": [item.as_dict() for item in summary.diagnostics],
-        "versions": {"python": platform.python_version()} | {name: _find_version(name) for name in DISTRIBUTIONS},
+        "versions": {"python": platform.python_version()} | {name: find_version(name) for name in DISTRIBUTIONS},
         "platform": platform.platform(),
     }
 
@@ -88,7 +88,8 @@ def warning_codes(report: dict[str, Any]) -> frozenset[str]:
     return frozenset(item["code"] for item in listed if isinstance(item, dict) and isinstance(item.get("code"), str))
 
 
-def _find_version(distribution: str) -> str | None:
+def find_version(distribution: str) -> str | None:
+    """Return the version of an installed distribution; None where it is not installed."""
     try:
         return version(distribution)
     except PackageNotFoundError:

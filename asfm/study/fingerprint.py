@@ -1,16 +1,17 @@
 """Fingerprints of contents: the stable names of cells and of what they share."""
 
 import hashlib
-import importlib.metadata
 import importlib.util
 import json
 import os
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import asfm
 from asfm.errors import AsfmError, quote
+from asfm.results.report_json import find_version
 
 HEX_LETTERS = 20
 CHUNK_BYTES = 1 << 20
@@ -93,10 +94,10 @@ def hash_software() -> str:
 
     What shows results, and does not change them, is left out.
     """
-    versions = {}
-    for package in LIBRARIES:
-        try:
-            versions[package] = importlib.metadata.version(package)
-        except importlib.metadata.PackageNotFoundError:
-            continue
-    return hash_content([hash_sources(Path(asfm.__file__).parent, SHOWING), versions])
+    return hash_content([hash_sources(Path(asfm.__file__).parent, SHOWING), list_versions(LIBRARIES)])
+
+
+def list_versions(packages: Iterable[str]) -> dict[str, str]:
+    """Return the versions of those packages that are installed."""
+    found = {package: find_version(package) for package in packages}
+    return {package: version for package, version in found.items() if version is not None}

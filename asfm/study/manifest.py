@@ -1,6 +1,5 @@
 """Manifest of a study: what its folder holds, by which versions on which machine, so that nothing else mixes in."""
 
-import importlib.metadata
 import os
 import platform
 from pathlib import Path
@@ -11,7 +10,7 @@ from asfm.errors import AsfmError
 from asfm.results.json_file import write_json
 from asfm.safe_json import read_json
 from asfm.study.cell import Cell
-from asfm.study.fingerprint import hash_content
+from asfm.study.fingerprint import hash_content, list_versions
 from asfm.study.study_definition import StudyDefinition
 
 MANIFEST, PARTIAL = "manifest.json", ".manifest.json.partial"
@@ -23,7 +22,7 @@ def make_manifest(study: StudyDefinition, cells: list[Cell]) -> dict[str, Any]:
     return {
         "study_id": hash_content([cell.id for cell in cells]),
         "study": study.model_dump(mode="json"),
-        "versions": {"asfm": __version__, "python": platform.python_version(), **_list_versions()},
+        "versions": {"asfm": __version__, "python": platform.python_version(), **list_versions(PACKAGES)},
         "machine": {"system": platform.platform(), "processor": _name_processor(), "cores": os.cpu_count() or 1},
         "cells": [cell.id for cell in cells],
     }
@@ -68,16 +67,6 @@ def open_study_folder(folder: Path, manifest: dict[str, Any]) -> None:
         raise AsfmError(f"{path}: cannot write: {error.strerror}") from None
     finally:
         (folder / PARTIAL).unlink(missing_ok=True)
-
-
-def _list_versions() -> dict[str, str]:
-    found = {}
-    for package in PACKAGES:
-        try:
-            found[package] = importlib.metadata.version(package)
-        except importlib.metadata.PackageNotFoundError:
-            continue
-    return found
 
 
 def _name_processor() -> str:

@@ -62,7 +62,7 @@ def test_sources_of_left_out_folders_do_not_count(tmp_path: Path) -> None:
 def test_another_release_of_a_library_is_other_software(monkeypatch: pytest.MonkeyPatch) -> None:
     own = hash_software()
     hash_software.cache_clear()
-    monkeypatch.setattr("importlib.metadata.version", lambda _: "0.0")
+    monkeypatch.setattr("asfm.study.fingerprint.find_version", lambda _: "0.0")
     other = hash_software()
     hash_software.cache_clear()
     assert own != other
